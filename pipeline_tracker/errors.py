@@ -1,0 +1,23 @@
+"""Errors that are meant for the user."""
+
+from __future__ import annotations
+
+
+class PipelineTrackerError(Exception):
+    """Something a user can put right; its text is the one line that they read.
+
+    The text says what is wrong, which value, what was expected and what to do.
+    Commands print it on stderr and end with exit code 2.
+    """
+
+
+class SettingsError(PipelineTrackerError):
+    """A setting is unknown, missing or out of its range."""
+
+
+class BagError(PipelineTrackerError):
+    """A bag cannot be read or written, or lacks something that was asked of it."""
+
+
+class CalibrationError(PipelineTrackerError):
+    """Camera calibration or mounting is missing or impossible."""

@@ -1,0 +1,219 @@
+"""One model of all settings: default, range, unit and description.
+
+ROS parameters, YAML files, ``--set`` and the README's table are made from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline_tracker.errors import SettingsError
+
+
+def _finite(values: tuple[float, ...]) -> tuple[float, ...]:
+    if not all(math.isfinite(v) for v in values):
+        raise ValueError("every number must be finite")
+    return values
+
+
+Vector = Annotated[tuple[float, float, float], AfterValidator(_finite)]
+
+
+def _setting(default: Any, description: str, *, unit: str = "", **bounds: Any) -> Any:
+    extra = {"unit": unit}
+    return Field(default, description=description, json_schema_extra=extra, **bounds)
+
+
+class Section(BaseModel):
+    """A group of settings; unknown keys are refused and values are not changed silently."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, validate_default=True
+    )
+
+
+class PipeSettings(Section):
+    """The pipe."""
+
+    diameter: float = _setting(
+        ..., "Outer diameter of the pipe, coating included; must be given", unit="m", gt=0, le=10
+    )
+
+
+class CameraSettings(Section):
+    """Mounting of the left camera's optical frame in base_link."""
+
+    translation: Vector | None = _setting(
+        None, "Position of the left optical frame in base_link; else from /tf_static", unit="m"
+    )
+    rotation_rpy: Vector | None = _setting(
+        None,
+        "Roll, pitch, yaw of the left optical frame in base_link; straight down, top of the "
+        "picture forward: [3.1416, 0, -1.5708]; else from /tf_static",
+        unit="rad",
+    )
+
+
+class FrameSettings(Section):
+    """Names of coordinate frames."""
+
+    base_link: str = _setting("base_link", "The vehicle's frame (REP 103)", min_length=1)
+    odom: str = _setting("odom", "The frame of the VNM poses (REP 105)", min_length=1)
+    left_optical: str = _setting("", "Left optical frame; empty: as the image's header says")
+
+
+class TopicSettings(Section):
+    """Topics of a bag, where their types and names leave a doubt (offline only)."""
+
+    left_image: str = _setting("", "Left image; empty: found by type and name")
+    right_image: str = _setting("", "Right image; empty: found by type and name")
+    left_info: str = _setting("", "Left camera info; empty: found by type and name")
+    right_info: str = _setting("", "Right camera info; empty: found by type and name")
+    pose: str = _setting("", "VNM pose; empty: found by type and name")
+    range: str = _setting("", "Echo sounder; empty: found by type and name")
+
+
+class SyncSettings(Section):
+    """How left and right images are put together."""
+
+    tolerance: float = _setting(
+        0.002, "Left and right belong together within this time", unit="s", ge=0, le=1
+    )
+    max_wait: float = _setting(
+        1.0, "An image waits this long for its partner (stamp time)", unit="s", gt=0, le=60
+    )
+    queue: int = _setting(8, "Images held at most for each camera", ge=1, le=100)
+
+
+class PoseSettings(Section):
+    """How VNM poses are used."""
+
+    max_gap: float = _setting(
+        3.0, "Poses are interpolated over gaps up to this", unit="s", gt=0, le=60
+    )
+    wait: float = _setting(
+        0.2, "Live, an image waits this long for its pose", unit="s", ge=0, le=10
+    )
+    max_speed: float = _setting(
+        5.0, "A faster move between two frames is a jump of the pose: reset", unit="m/s", gt=0
+    )
+
+
+class VectorizationSettings(Section):
+    """Image to segments and matches (4.1.1)."""
+
+    min_length: float = _setting(
+        12.0,
+        "Segments shorter than this are dropped, at a width of 1200 px (scales with it)",
+        unit="px",
+        gt=2,
+        le=500,
+    )
+    split_tolerance: float = _setting(
+        1.2, "A broken line is split where it deviates by more", unit="px", gt=0.1, le=20
+    )
+    match_spacing: int = _setting(
+        32, "Grid of patches matched between the images, at 1200 px width", unit="px", ge=8, le=200
+    )
+
+
+class RecognitionSettings(Section):
+    """A frame with no past (4.2)."""
+
+    technique: Literal["auto", 1, 2, 3, 4] = _setting(
+        "auto", "Technique of 4.2.4, 4 is the joint fit; auto: the best the picture allows"
+    )
+    min_support: float = _setting(
+        0.35, "Least share of the expected evidence for a pipe", ge=0, le=1
+    )
+
+
+class TrackingSettings(Section):
+    """A frame with a past (4.1)."""
+
+    refine: bool = _setting(
+        True, "Continue from the best candidate to a fit; false: the paper's discrete result"
+    )
+    min_support: float = _setting(
+        0.3, "Below this share of the expected evidence the frame is lost", ge=0, le=1
+    )
+    max_coast: float = _setting(
+        2.0, "The pose alone carries a lost pipe over at most this way", unit="m", ge=0, le=100
+    )
+    max_coast_time: float = _setting(
+        6.0, "The pose alone carries a lost pipe for at most this time", unit="s", ge=0, le=600
+    )
+
+
+class MotionSettings(Section):
+    """The vehicle's motion S (4.3)."""
+
+    window: float = _setting(
+        1.0, "S is the way of this time before the image", unit="s", gt=0, le=60
+    )
+    min_speed: float = _setting(
+        0.05, "A slower vehicle has no direction of motion: its own axis is used", unit="m/s", ge=0
+    )
+
+
+class SegmentSettings(Section):
+    """The published piece of the axis."""
+
+    length: float = _setting(0.5, "Length of the published axis segment", unit="m", gt=0, le=10)
+
+
+class OutputSettings(Section):
+    """What is published when nothing comes in."""
+
+    timeout: float = _setting(
+        0.0,
+        "Invalid state after this time without good input; 0: three image periods, at least 0.5 s",
+        unit="s",
+        ge=0,
+        le=3600,
+    )
+
+
+class AltimeterSettings(Section):
+    """The echo sounder's beam, where no transform is known."""
+
+    translation: Vector = _setting((0.0, 0.0, 0.0), "Origin of the beam in base_link", unit="m")
+    direction: Vector = _setting((0.0, 0.0, -1.0), "Direction of the beam in base_link")
+
+
+class Settings(Section):
+    """All settings."""
+
+    mode: Literal["stereo", "mono"] = _setting("stereo", "Stereo pair, or left camera only (5.2)")
+    pose_type: Literal["pose", "pose_with_covariance", "odometry"] = _setting(
+        "pose", "Message type of vnm/pose"
+    )
+    image_transport: Literal["raw", "compressed"] = _setting(
+        "raw", "Live image transport; replay takes what the bag has"
+    )
+    use_sim_time: bool = _setting(False, "Take the time from /clock (live)")
+    pipe: PipeSettings
+    camera: CameraSettings = CameraSettings()
+    frames: FrameSettings = FrameSettings()
+    topics: TopicSettings = TopicSettings()
+    sync: SyncSettings = SyncSettings()
+    pose: PoseSettings = PoseSettings()
+    vectorization: VectorizationSettings = VectorizationSettings()
+    recognition: RecognitionSettings = RecognitionSettings()
+    tracking: TrackingSettings = TrackingSettings()
+    motion: MotionSettings = MotionSettings()
+    segment: SegmentSettings = SegmentSettings()
+    output: OutputSettings = OutputSettings()
+    altimeter: AltimeterSettings = AltimeterSettings()
+
+    @property
+    def radius(self) -> float:
+        """The pipe's radius, m."""
+        return self.pipe.diameter / 2.0

@@ -1,0 +1,1 @@
+"""Images to straight segments and matches (4.1.1)."""
