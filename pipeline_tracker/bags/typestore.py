@@ -1,0 +1,90 @@
+"""Message types for bags: ROS 2 Jazzy's and our own, without ROS."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pipeline_tracker.errors import BagError
+
+OUR_PACKAGE = "pipeline_tracker_msgs"
+
+
+def definition_directories() -> Iterator[Path]:
+    """Yield the places where our ``.msg`` files may be, the likeliest first."""
+    # A source tree or an editable install has them beside the package, a wheel under share/.
+    yield Path(__file__).resolve().parents[2] / OUR_PACKAGE / "msg"
+    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
+    for prefix in filter(None, prefixes):
+        yield Path(prefix) / "share" / OUR_PACKAGE / "msg"
+
+
+@lru_cache(maxsize=1)
+def our_typestore() -> Typestore:
+    """Return a type store with ROS 2 Jazzy's types and ours.
+
+    Raises:
+        BagError: our message definitions are not installed.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for directory in definition_directories():
+        files = sorted(directory.glob("*.msg"))
+        if not files:
+            continue
+        types: dict[str, Any] = {}
+        for file in files:
+            name = f"{OUR_PACKAGE}/msg/{file.stem}"
+            types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
+        store.register(types)
+        return store
+    looked = ", ".join(str(d) for d in definition_directories())
+    raise BagError(
+        f"the message definitions of {OUR_PACKAGE} are not installed (looked in {looked}); "
+        "install the package again"
+    )
+
+
+class BagMessages:
+    """Makes rosbags messages; a ``MessageFactory``."""
+
+    def __init__(self, store: Typestore | None = None) -> None:
+        """Use a type store, ours by default."""
+        self.store = store or our_typestore()
+
+    def message(self, type_name: str, /, **fields: Any) -> Any:
+        """Return a message; fields left out have ROS's defaults."""
+        for name, node in self.store.fielddefs[type_name][1]:
+            if name not in fields:
+                fields[name] = self._default(node)
+        return self.store.types[type_name](**fields)
+
+    def sequence(self, values: NDArray[Any], /) -> NDArray[Any]:
+        """Return the array itself: rosbags writes arrays."""
+        return values
+
+    def serialize(self, message: Any) -> bytes:
+        """Return a message as CDR."""
+        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
+
+    def _default(self, node: Any) -> Any:
+        kind, description = node
+        if kind == Nodetype.BASE:
+            name = description[0]
+            return {"string": "", "bool": False}.get(name, 0.0 if name.startswith("float") else 0)
+        if kind == Nodetype.NAME:
+            return self.message(description)
+        inner, length = description
+        count = length if kind == Nodetype.ARRAY else 0
+        if inner[0] == Nodetype.BASE and inner[1][0] != "string":
+            return np.zeros(count, dtype=np.dtype(inner[1][0]))
+        return [self._default(inner) for _ in range(count)]
