@@ -1,20 +1,15 @@
 """One model of all settings: default, range, unit and description.
 
-ROS parameters, YAML files, ``--set`` and the README's table are made from it.
+ROS parameters, YAML files, ``--set`` and the README's table are made from it; ``settings_io`` loads
+and describes it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
-
-from pipeline_tracker.errors import SettingsError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 def _finite(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -80,6 +75,21 @@ class TopicSettings(Section):
     range: str = _setting("", "Echo sounder; empty: found by type and name")
 
 
+class ImageSettings(Section):
+    """How images become 8-bit grey."""
+
+    mono16_white: int = _setting(
+        65535,
+        "Value of a mono16 pixel that becomes white, the same for every image; a camera of 12 bits "
+        "in the low bits has 4095",
+        ge=255,
+        le=65535,
+    )
+    max_pixels: int = _setting(
+        64_000_000, "Larger images are refused", unit="px", ge=10_000, le=1_000_000_000
+    )
+
+
 class SyncSettings(Section):
     """How left and right images are put together."""
 
@@ -133,6 +143,7 @@ class RecognitionSettings(Section):
     min_support: float = _setting(
         0.35, "Least share of the expected evidence for a pipe", ge=0, le=1
     )
+    only: bool = _setting(False, "Every frame by itself, no tracking (the paper's Table 2)")
 
 
 class TrackingSettings(Section):
@@ -203,6 +214,7 @@ class Settings(Section):
     camera: CameraSettings = CameraSettings()
     frames: FrameSettings = FrameSettings()
     topics: TopicSettings = TopicSettings()
+    image: ImageSettings = ImageSettings()
     sync: SyncSettings = SyncSettings()
     pose: PoseSettings = PoseSettings()
     vectorization: VectorizationSettings = VectorizationSettings()

@@ -22,8 +22,11 @@ OUR_PACKAGE = "pipeline_tracker_msgs"
 
 def definition_directories() -> Iterator[Path]:
     """Yield the places where our ``.msg`` files may be, the likeliest first."""
-    # A source tree or an editable install has them beside the package, a wheel under share/.
-    yield Path(__file__).resolve().parents[2] / OUR_PACKAGE / "msg"
+    # A wheel has them inside the package, a source tree or an editable install beside it, and
+    # colcon under share/.
+    package = Path(__file__).resolve().parents[1]
+    yield package / "msg"
+    yield package.parent / OUR_PACKAGE / "msg"
     prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
     for prefix in filter(None, prefixes):
         yield Path(prefix) / "share" / OUR_PACKAGE / "msg"
