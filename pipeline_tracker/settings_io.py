@@ -190,7 +190,7 @@ def _read_file(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(document, dict):
         raise SettingsError(
-            f"{path}: holds {_shown(document)}, expected keys and values, as in `pipe.diameter: 0.6`"
+            f"{path}: holds {_shown(document)}, expected keys and values like `pipe.diameter: 0.6`"
         )
     values: dict[str, Any] = {}
     for part, is_ros in _parts(document):
@@ -248,7 +248,8 @@ def _read_override(text: str) -> dict[str, Any]:
 
 def _parse(raw: bytes, origin: str) -> Any:
     try:
-        return yaml.load(raw, _Loader)
+        # A subclass of SafeLoader, as safe as that.
+        return yaml.load(raw, _Loader)  # noqa: S506
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = f" in line {mark.line + 1}, column {mark.column + 1}" if mark else ""

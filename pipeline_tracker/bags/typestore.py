@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,21 +11,9 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from pipeline_tracker.errors import BagError
+from pipeline_tracker.resources import message_directory
 
 OUR_PACKAGE = "pipeline_tracker_msgs"
-
-
-def definition_directories() -> Iterator[Path]:
-    """Yield the places where our ``.msg`` files may be, the likeliest first."""
-    # A wheel has them inside the package, a source tree or an editable install beside it, and
-    # colcon under share/.
-    package = Path(__file__).resolve().parents[1]
-    yield package / "msg"
-    yield package.parent / OUR_PACKAGE / "msg"
-    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
-    for prefix in filter(None, prefixes):
-        yield Path(prefix) / "share" / OUR_PACKAGE / "msg"
 
 
 @lru_cache(maxsize=1)
@@ -37,24 +21,15 @@ def our_typestore() -> Typestore:
     """Return a type store with ROS 2 Jazzy's types and ours.
 
     Raises:
-        BagError: our message definitions are not installed.
+        ResourceError: our message definitions are not installed.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    for directory in definition_directories():
-        files = sorted(directory.glob("*.msg"))
-        if not files:
-            continue
-        types: dict[str, Any] = {}
-        for file in files:
-            name = f"{OUR_PACKAGE}/msg/{file.stem}"
-            types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
-        store.register(types)
-        return store
-    looked = ", ".join(str(d) for d in definition_directories())
-    raise BagError(
-        f"the message definitions of {OUR_PACKAGE} are not installed (looked in {looked}); "
-        "install the package again"
-    )
+    types: dict[str, Any] = {}
+    for file in sorted(message_directory().glob("*.msg")):
+        name = f"{OUR_PACKAGE}/msg/{file.stem}"
+        types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
+    store.register(types)
+    return store
 
 
 class BagMessages:
