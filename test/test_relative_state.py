@@ -332,7 +332,7 @@ def test_side_keeps_its_hysteresis_when_the_direction_is_turned() -> None:
 def test_motion_is_that_of_the_window() -> None:
     sea = Sea()
     # 2 m/s at first, then 0.5 m/s to port for exactly the last second.
-    for i in range(0, 21):
+    for i in range(21):
         time = 0.1 * i
         x, y = (2.0 * time, 0.0) if time <= 1.0 else (2.0, 0.5 * (time - 1.0))
         state = sea.see(time, Pose.from_rpy([x, y, 2.5], [0, 0, 0]))
@@ -392,7 +392,7 @@ def test_chainage_on_an_arc_is_its_length() -> None:
         angle = i * step / bend
         sea.direction = np.array([math.cos(angle), math.sin(angle), 0.0])
         sea.point = bend * np.array([math.sin(angle), 1.0 - math.cos(angle), 0.0])
-        position = sea.point + [0.0, 0.0, 2.5]
+        position = sea.point + np.array([0.0, 0.0, 2.5])
         seen = sea.see(float(i), Pose.from_rpy(position, [0.0, 0.0, angle]))
         # The chords are what is summed; they are shorter by the square of the step.
         assert seen.chainage == pytest.approx(i * step, rel=step**2 / bend**2 / 20.0)

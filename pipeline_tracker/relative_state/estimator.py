@@ -31,12 +31,12 @@ class _Frame:
 
     @property
     def heading(self) -> Array:
-        """odom <- levelled base_link."""
+        """Rotation odom <- levelled base_link, 3 x 3."""
         return np.eye(3) if self.pose is None else heading_rotation(self.pose)
 
     @property
     def levelling(self) -> Array:
-        """Levelled base_link <- base_link; base_link is taken as level without a pose."""
+        """Rotation levelled base_link <- base_link; base_link is taken as level without a pose."""
         return np.eye(3) if self.pose is None else self.heading.T @ self.pose.rotation
 
     @property

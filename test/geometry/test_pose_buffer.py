@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -111,9 +112,7 @@ def test_it_agrees_with_a_linear_search(stamps: list[int], wanted: int) -> None:
     for stamp in stamps:
         buffer.add(stamp, at_x(stamp / SECOND))
     pose = buffer.at(wanted)
-    known = wanted in stamps or any(
-        a < wanted < b and b - a <= SECOND for a, b in zip(stamps, stamps[1:], strict=False)
-    )
+    known = wanted in stamps or any(a < wanted < b and b - a <= SECOND for a, b in pairwise(stamps))
     assert (pose is not None) == known
     if pose is not None:
         # x grows evenly with time, so that any right interpolation gives the time itself.
