@@ -21,3 +21,7 @@ class BagError(PipelineTrackerError):
 
 class CalibrationError(PipelineTrackerError):
     """Camera calibration or mounting is missing or impossible."""
+
+
+class EvaluationError(PipelineTrackerError):
+    """A replay cannot be measured against a truth, or the two do not belong together."""
