@@ -9,6 +9,7 @@ import difflib
 import math
 import re
 import reprlib
+import sys
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -185,12 +186,12 @@ def _read_file(path: Path) -> dict[str, Any]:
         raise SettingsError(
             f"{path}: larger than {_MAX_FILE_BYTES} bytes, expected a YAML file of settings"
         )
-    document = _parse(raw, f"{path}: ")
+    document = parse_yaml(raw, f"{path}: ")
     if document is None:
         return {}
     if not isinstance(document, dict):
         raise SettingsError(
-            f"{path}: holds {_shown(document)}, expected keys and values like `pipe.diameter: 0.6`"
+            f"{path}: holds {shown(document)}, expected keys and values like `pipe.diameter: 0.6`"
         )
     values: dict[str, Any] = {}
     for part, is_ros in _parts(document):
@@ -219,7 +220,7 @@ def _parts(document: Mapping[Any, Any]) -> Iterator[tuple[Mapping[Any, Any], boo
 def _flatten(values: Any, prefix: str, origin: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(values, dict):
         raise SettingsError(
-            f"{_at(origin)}{prefix}={_shown(values)}: this is a group of settings, "
+            f"{_at(origin)}{prefix}={shown(values)}: this is a group of settings, "
             f"expected keys and values below it ({_group_keys(prefix)})"
         )
     known = {row.key for row in describe_settings()}
@@ -243,10 +244,19 @@ def _read_override(text: str) -> dict[str, Any]:
         raise SettingsError(
             f"--set {text}: expected key=value, for example --set pipe.diameter=0.6"
         )
-    return dict(_flatten({key: _parse(value.encode(), f"--set {text}: ")}, "", "--set"))
+    return dict(_flatten({key: parse_yaml(value.encode(), f"--set {text}: ")}, "", "--set"))
 
 
-def _parse(raw: bytes, origin: str) -> Any:
+def parse_yaml(raw: bytes, origin: str) -> Any:
+    """Parse YAML from a user.
+
+    Args:
+        raw: the text.
+        origin: what to begin an error's line with.
+
+    Raises:
+        SettingsError: it is not YAML.
+    """
     try:
         # A subclass of SafeLoader, as safe as that.
         return yaml.load(raw, _Loader)  # noqa: S506
@@ -283,7 +293,7 @@ def _in_words(
 
 
 def _refused(row: SettingRow, value: Any, origin: str) -> str:
-    return f"{_at(origin)}{row.key}={_shown(value)}: expected {row.expected}"
+    return f"{_at(origin)}{row.key}={shown(value)}: expected {row.expected}"
 
 
 def _is_choice(row: SettingRow, value: Any) -> bool:
@@ -297,7 +307,7 @@ def _unknown(key: str, value: Any, rows: Mapping[str, SettingRow]) -> str:
         # The last word alone, given without its group.
         near = [k for k in rows if k.rsplit(".", 1)[-1] == key.rsplit(".", 1)[-1]][:1]
     hint = f"did you mean {near[0]}?" if near else "all settings are listed in config/default.yaml"
-    return f"{key}={_shown(value)}: unknown setting; {hint}"
+    return f"{key}={shown(value)}: unknown setting; {hint}"
 
 
 def _group_keys(group: str) -> str:
@@ -309,7 +319,8 @@ def _at(origin: str) -> str:
     return f"{origin}: " if origin and origin != "--set" else f"{origin} ".lstrip()
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Return a user's value as an error shows it: short, and as YAML writes it."""
     if value is None:
         return "(empty)"
     if isinstance(value, bool):
@@ -320,4 +331,4 @@ def _shown(value: Any) -> str:
 
 
 if __name__ == "__main__":
-    print(default_yaml(), end="")
+    sys.stdout.write(default_yaml())

@@ -161,7 +161,7 @@ def test_integer_for_number_list_for_vector_and_exponents() -> None:
         "pipe: {diameter: 0.5}\nsync.queue: 3\ncamera:\n",
         "/**:\n  ros__parameters:\n    pipe: {diameter: 0.5}\n    sync.queue: 3\n",
         "/a: {ros__parameters: {pipe.diameter: 0.5}}\n/b: {ros__parameters: {sync: {queue: 3}}}\n",
-        "/**: {ros__parameters: {pipe.diameter: 0.5, sync.queue: 3, qos_overrides: {/t: {d: 5}}}}\n",
+        "/**: {ros__parameters: {pipe.diameter: 0.5, sync.queue: 3, qos_overrides: {t: {d: 5}}}}\n",
     ],
 )
 def test_file_forms(tmp_path: Path, text: str) -> None:
