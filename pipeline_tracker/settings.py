@@ -22,7 +22,7 @@ Vector = Annotated[tuple[float, float, float], AfterValidator(_finite)]
 
 
 def _setting(default: Any, description: str, *, unit: str = "", **bounds: Any) -> Any:
-    extra = {"unit": unit}
+    extra: dict[str, Any] = {"unit": unit}
     return Field(default, description=description, json_schema_extra=extra, **bounds)
 
 

@@ -58,6 +58,11 @@ class Pose:
         q: Array = Rotation.from_matrix(self.rotation).as_quat()
         return -q if q[3] < 0 else q
 
+    def rpy(self) -> Array:
+        """Return roll, pitch, yaw in radians, (3,); see ``from_rpy``."""
+        angles: Array = Rotation.from_matrix(self.rotation).as_euler("xyz")
+        return angles
+
     def inverse(self) -> Pose:
         """Return the transform ``b <- a``."""
         transposed = self.rotation.T

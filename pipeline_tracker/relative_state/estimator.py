@@ -205,10 +205,8 @@ class RelativeStateEstimator:
 
 def _usable(segment: PipeSegment) -> bool:
     ends = np.concatenate((segment.start, segment.end))
-    return (
-        segment.found
-        and bool(np.isfinite(ends).all())
-        and not np.allclose(segment.start, segment.end, rtol=0.0, atol=1e-6)
+    return bool(np.isfinite(ends).all()) and not np.allclose(
+        segment.start, segment.end, rtol=0.0, atol=1e-6
     )
 
 

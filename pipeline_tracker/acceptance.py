@@ -1,0 +1,66 @@
+"""When the pictures bear a pipe, and when they do not, with the reason in a word."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline_tracker.support import LEAST_FACE_POINTS, Support
+from pipeline_tracker.types import Contours
+
+# Measured on rendered seas: a pipe has 0.75 or more of the points of its face on it and a gain
+# over a plane of 1 or more; stones, humps and ripples up to 0.9 and 1.3, but then no contours.
+FULL_GAIN = 1.2
+LEAST_GAIN = 0.75
+LEAST_FACE_SHARE = 0.65
+LEAST_CONTOUR_SHARE = 0.12
+STRONG_GAIN, STRONG_FACE_SHARE = 1.3, 0.92
+# Where the face has no texture to match, the contours alone must speak.
+ALONE_CONTOUR_SHARE = 0.35
+# A contour that is supported along half of its length is all that can be hoped for in the sea.
+FULL_CONTOUR_SHARE = 0.5
+
+_LEFT_PAIR = Contours.LEFT_IMAGE_LEFT | Contours.LEFT_IMAGE_RIGHT
+_RIGHT_PAIR = Contours.RIGHT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT
+
+
+def support_share(support: Support) -> float:
+    """Return the share of the expected evidence that was found, 0 to 1."""
+    contours = min(1.0, support.contour_share / FULL_CONTOUR_SHARE)
+    if support.face_points < LEAST_FACE_POINTS:
+        return contours
+    surface = support.face_share * float(np.clip(support.face_gain / FULL_GAIN, 0.0, 1.0))
+    return 0.6 * surface + 0.4 * contours
+
+
+def score(support: Support) -> float:
+    """Return what hypotheses of one frame are ranked by."""
+    if support.face_points < LEAST_FACE_POINTS:
+        return 0.8 * support_share(support)
+    return support_share(support) - 0.5 * support.pierced_share
+
+
+def refusal(support: Support, stereo: bool) -> str:
+    """Return why the pictures do not bear a pipe; empty where they do.
+
+    Args:
+        support: what was found for and against the axis.
+        stereo: whether there are two images.
+    """
+    if support.face_points >= LEAST_FACE_POINTS:
+        return _refused_by_surface(support)
+    visible = support.visible
+    if support.contour_share < ALONE_CONTOUR_SHARE:
+        return "too_little_contour"
+    if visible & _LEFT_PAIR != _LEFT_PAIR:
+        return "one_contour_only"
+    if stereo and visible & _RIGHT_PAIR != _RIGHT_PAIR:
+        return "cameras_disagree"
+    return ""
+
+
+def _refused_by_surface(support: Support) -> str:
+    if support.face_share < LEAST_FACE_SHARE or support.face_gain < LEAST_GAIN:
+        return "surface_not_a_pipe"
+    strong = support.face_share > STRONG_FACE_SHARE and support.face_gain > STRONG_GAIN
+    least = LEAST_CONTOUR_SHARE * (0.5 if strong else 1.0)
+    return "too_little_contour" if support.contour_share < least else ""

@@ -1,0 +1,147 @@
+"""From a fitted axis to the published piece of it, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.acceptance import support_share
+from pipeline_tracker.axis_fit import Axis, AxisFit, across
+from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.geometry.cylinder import clip_line_to_view
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.support import Support, seen_lines
+from pipeline_tracker.types import Mode, PipeSegment, VectorizedStereo
+
+Array = NDArray[np.float64]
+
+# What no residual shows: calibration, the shape of a real pipe. Standard deviations of left m,
+# up m, heading rad, pitch rad, added to those of the fit.
+_MODEL_SIGMAS = np.array([0.0015, 0.0015, 0.002, 0.002])
+
+
+def middle_of_view(axis: Axis, camera: Camera) -> float:
+    """Return t where the axis passes nearest the camera's optical axis, kept inside the view.
+
+    Args:
+        axis: left optical frame.
+        camera: the left camera.
+    """
+    t = 0.0
+    for _ in range(8):
+        point, direction = axis.at(t), axis.direction + t * axis.bend
+        slope = float(point[:2] @ direction[:2])
+        curvature = float(direction[:2] @ direction[:2] + point[:2] @ axis.bend[:2])
+        if curvature < 1e-9:
+            break
+        step = float(np.clip(slope / curvature, -2.0, 2.0))
+        t -= step
+        if abs(step) < 1e-9:
+            break
+    here = axis.moved(t)
+    view = clip_line_to_view(here.point, here.direction, camera)
+    if view is not None:
+        t += float(np.clip(0.0, view[0], view[1]))
+    return t
+
+
+def segment_ends(axis: Axis, camera: Camera, length: float) -> tuple[Array, Array]:
+    """Return both ends of the published piece of an axis whose origin is its middle.
+
+    Args:
+        axis: left optical frame; t = 0 as ``middle_of_view`` gives it.
+        camera: the left camera.
+        length: wanted length, m; less where less is in view.
+
+    Returns:
+        Start and end, (3,) each, on the bent axis.
+    """
+    low, high = -0.5 * length, 0.5 * length
+    view = clip_line_to_view(axis.point, axis.direction, camera)
+    if view is not None:
+        clipped = max(low, view[0]), min(high, view[1])
+        # A sliver has no direction; then the piece reaches out of view.
+        if clipped[1] - clipped[0] > 0.1 * length:
+            low, high = clipped
+    return axis.at(low), axis.at(high)
+
+
+def published_covariance(fit: AxisFit) -> Array:
+    """Return the 4 x 4 covariance (left, up, heading, pitch) of a fit at its origin."""
+    covariance: Array = fit.covariance[:4, :4] + np.diag(np.square(_MODEL_SIGMAS))
+    return 0.5 * (covariance + covariance.T)
+
+
+class SegmentMaker:
+    """Publishes pieces of the axis of one pipe seen by one vehicle."""
+
+    def __init__(self, settings: Settings, mounting: Pose) -> None:
+        """Remember what all segments share.
+
+        Args:
+            settings: the pipe's radius and ``segment.length`` are used.
+            mounting: base_link <- left optical.
+        """
+        self._radius = settings.radius
+        self._length = settings.segment.length
+        self._mounting = mounting
+
+    def make(
+        self,
+        frame: VectorizedStereo,
+        axis: Axis,
+        covariance: Array,
+        support: Support,
+        mode: Mode,
+        technique: int,
+    ) -> PipeSegment:
+        """Publish the piece of an axis in the middle of the view.
+
+        Args:
+            frame: the vectorized pair.
+            axis: left optical frame, origin at the middle of the piece, along travel.
+            covariance: 4 x 4, see ``PipeSegment``.
+            support: what the pictures have for it.
+            mode: recognition or tracking.
+            technique: 0 tracking, 1 to 4.
+        """
+        start, end = segment_ends(axis, frame.rig.left, self._length)
+        bits, lines = seen_lines(support)
+        return PipeSegment(
+            stamp_ns=frame.stamp_ns,
+            mode=mode,
+            technique=technique,
+            start=self._mounting.apply(start),
+            end=self._mounting.apply(end),
+            radius=self._radius,
+            covariance=covariance,
+            support=float(np.float32(support_share(support))),
+            visible_contours=bits,
+            contours=lines,
+        )
+
+
+def axis_of_segment(segment: PipeSegment, mounting: Pose) -> Axis:
+    """Return the straight axis through a published piece, left optical frame, origin mid-way."""
+    to_optical = mounting.inverse()
+    start, end = to_optical.apply(segment.start), to_optical.apply(segment.end)
+    return Axis.straight(0.5 * (start + end), end - start)
+
+
+def turn_covariance(covariance: Array, direction: Array, old_up: Array, new_up: Array) -> Array:
+    """Express a 4 x 4 axis covariance for another vertical.
+
+    Args:
+        covariance: left, up, heading, pitch.
+        direction: unit direction of the axis, (3,).
+        old_up, new_up: the unit verticals, (3,), in the same frame.
+    """
+    old_left, old_across = across(direction, old_up)
+    new_left, _ = across(direction, new_up)
+    c, s = float(new_left @ old_left), float(new_left @ old_across)
+    turn = np.array([[c, s], [-s, c]])
+    both = np.zeros((4, 4))
+    both[:2, :2] = turn
+    both[2:, 2:] = turn
+    return both @ covariance @ both.T

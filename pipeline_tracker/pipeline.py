@@ -1,0 +1,122 @@
+"""The four steps in one call, frame by frame, in one process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.geometry.camera import Camera, StereoRig
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.geometry.pose_buffer import PoseBuffer
+from pipeline_tracker.recognition.recognizer import Recognizer
+from pipeline_tracker.relative_state import RelativeStateEstimator
+from pipeline_tracker.settings import PipeSettings, Settings
+from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
+from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
+from pipeline_tracker.vectorization.vectorizer import Vectorizer
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """All that was computed for one frame.
+
+    Attributes:
+        vectorized: segments, matches, thumbnails.
+        recognition: the recognizer's answer; None where it was not asked.
+        tracked: status, and the axis where there is one.
+        relative_state: what the autopilot gets.
+    """
+
+    vectorized: VectorizedStereo
+    recognition: PipeSegment | None
+    tracked: TrackedFrame
+    relative_state: RelativeState
+
+
+class Pipeline:
+    """Images and poses in, relative state out."""
+
+    def __init__(self, settings: Settings, mounting: Pose, recognition_only: bool = False) -> None:
+        """Set up the four steps.
+
+        Args:
+            settings: all settings.
+            mounting: base_link <- left optical frame.
+            recognition_only: recognise each frame by itself, track nothing.
+        """
+        self.poses = PoseBuffer(settings.pose.max_gap)
+        self._vectorizer = Vectorizer(settings)
+        self._recognizer = Recognizer(settings, mounting)
+        self._tracker = Tracker(settings, mounting, recognition_only)
+        self._estimator = RelativeStateEstimator(settings, mounting)
+
+    def process(
+        self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
+    ) -> FrameResult:
+        """Process one frame; poses around its stamp are to be in ``poses`` before.
+
+        Args:
+            stamp_ns: stamp of the left image, ns.
+            rig: the cameras.
+            left, right: rectified images, (H, W) uint8; right None in mono.
+        """
+        vectorized = self._vectorizer.process(stamp_ns, rig, left, right)
+        recognition = None
+        tracked = self._tracker.begin(vectorized, self.poses.at(stamp_ns))
+        if tracked is None:
+            recognition = self._recognizer.recognize(vectorized)
+            tracked = self._tracker.finish(recognition)
+        state = self._estimator.update(tracked.status, tracked.segment, self.poses)
+        return FrameResult(vectorized, recognition, tracked, state)
+
+    def reset(self, reason: str) -> None:
+        """Forget everything, poses included (a backward time jump, for example)."""
+        self.poses.clear()
+        self._tracker.reset(reason)
+        self._estimator.reset()
+
+
+def warm_up(settings: Settings) -> None:
+    """Compile or load every compiled kernel, so that the first frame is no slower than others.
+
+    Runs all steps on a small made-up pair: a bright cylinder over a plane of noise.
+
+    Args:
+        settings: those of the run; the pipe's diameter is replaced by the picture's.
+    """
+    radius, distance, focal = 0.3, 2.0, 200.0
+    camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
+    rig = StereoRig(camera, Camera(focal, focal, 127.5, 95.5, 256, 192, 0.2))
+    left, right = _made_up_pair(rig, radius, distance)
+    mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
+    own = settings.model_copy(update={"pipe": PipeSettings(diameter=2 * radius), "mode": "stereo"})
+    pipeline = Pipeline(own, mounting)
+    for k in range(2):
+        pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
+        pipeline.process(k, rig, left, right)
+    for technique in (1, 2, 3):
+        recognition = own.recognition.model_copy(update={"technique": technique})
+        forced = own.model_copy(update={"recognition": recognition})
+        Pipeline(forced, mounting).process(0, rig, left, right)
+
+
+def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:
+    """Texture on a cylinder that lies on a plane, seen from above by both cameras."""
+    noise = np.random.default_rng(0).integers(0, 90, (512, 512))
+    images: list[NDArray[np.uint8]] = []
+    for camera in rig.cameras:
+        ys, xs = np.mgrid[0 : camera.height, 0 : camera.width]
+        u, v = (xs - camera.cx) / camera.fx, (ys - camera.cy) / camera.fy
+        # Ray (offset + s u, s v, s) against the cylinder x² + (z - distance)² = radius².
+        a = u * u + 1.0
+        b = camera.offset * u - distance
+        c = camera.offset**2 + distance**2 - radius**2
+        root = b * b - a * c
+        hit = root > 0
+        s = np.where(hit, (-b - np.sqrt(np.maximum(root, 0.0))) / a, distance + radius)
+        x, y = camera.offset + s * u, s * v
+        texture = noise[(y * 60).astype(int) % 512, (x * 60).astype(int) % 512]
+        images.append(np.asarray(np.where(hit, 130, 40) + texture, np.uint8))
+    return images[0], images[1]

@@ -1,0 +1,202 @@
+"""The paper's three techniques for the axis of a pipe seen by its contours (4.2.4).
+
+All coordinates are in the left optical frame; lines are homogeneous (a, b, c) in pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.geometry.camera import Camera, StereoRig
+
+Array = NDArray[np.float64]
+
+# Technique 3 is refused where the two median planes meet at less than this, rad: at 2 m and a
+# baseline of 0.2 m, a pipe less than 30 degrees from the baseline.
+LEAST_PLANE_ANGLE = 0.045
+
+
+def tangent_plane(line: Array, camera: Camera) -> Array:
+    """Return the unit normal of the plane through the camera's centre and an image line, (3,)."""
+    normal = camera.matrix.T @ line
+    unit: Array = normal / np.linalg.norm(normal)
+    return unit
+
+
+def oriented_planes(left: Array, right: Array, camera: Camera) -> tuple[Array, Array] | None:
+    """Return the normals of both tangent planes, pointing the same way across the pipe.
+
+    Args:
+        left, right: the two contour lines.
+        camera: the camera.
+
+    Returns:
+        None where the lines have no strip between them inside the picture.
+    """
+    inside = _pixel_between(left, right, camera)
+    if inside is None:
+        return None
+    n_left, n_right = tangent_plane(left, camera), tangent_plane(right, camera)
+    ray = camera.rays(inside)
+    if float(n_left @ ray) > 0:
+        n_left = -n_left
+    if float(n_right @ ray) < 0:
+        n_right = -n_right
+    # Opposite signs at a pixel between them: both normals point to the same side, across the pipe.
+    return n_left, n_right
+
+
+def technique2(left: Array, right: Array, camera: Camera, radius: float) -> Axis | None:
+    """Technique 2: tangent planes of one image.
+
+    Args:
+        left, right: the two contours of the pipe in that image.
+        camera: the camera.
+        radius: m.
+
+    Returns:
+        The axis, or None where the lines are no contours of a pipe before the camera.
+    """
+    normals = oriented_planes(left, right, camera)
+    if normals is None:
+        return None
+    n_left, n_right = normals
+    v = np.cross(n_left, n_right)
+    sine = float(np.linalg.norm(v))
+    if sine < 1e-6:
+        return None
+    v = v / sine
+    n_median = n_left + n_right
+    n_median = n_median / np.linalg.norm(n_median)
+    beta = float(np.arctan2(sine, float(n_left @ n_right)))
+    distance = radius / np.sin(beta / 2.0)
+    inside = _pixel_between(left, right, camera)
+    if inside is None:
+        return None
+    u = np.cross(v, n_median)
+    # The sign for which the visible part of the axis lies before the camera: the axis and the ray
+    # of a pixel on it in the picture are on the same side of v.
+    ray = camera.rays(inside)
+    across = ray - v * float(ray @ v)
+    if float(u @ across) < 0:
+        u = -u
+    return Axis.straight(camera.centre + distance * u, v)
+
+
+def technique3(
+    left_pair: tuple[Array, Array],
+    right_pair: tuple[Array, Array],
+    rig: StereoRig,
+    least_angle: float = LEAST_PLANE_ANGLE,
+) -> Axis | None:
+    """Technique 3: where the median planes of both images meet.
+
+    Args:
+        left_pair, right_pair: the contours (left, right) in the left and the right image.
+        rig: the two cameras.
+        least_angle: refused where the planes meet at less than this, rad.
+    """
+    if rig.right is None:
+        return None
+    medians = []
+    for pair, camera in ((left_pair, rig.left), (right_pair, rig.right)):
+        normals = oriented_planes(pair[0], pair[1], camera)
+        if normals is None:
+            return None
+        median = normals[0] + normals[1]
+        medians.append(median / np.linalg.norm(median))
+    v = np.cross(medians[0], medians[1])
+    sine = float(np.linalg.norm(v))
+    if sine < np.sin(least_angle):
+        return None
+    v = v / sine
+    # A point of both planes, and across the axis from the left camera's centre.
+    system = np.stack((medians[0], medians[1], v))
+    point = np.linalg.solve(system, np.array([0.0, float(medians[1] @ rig.right.centre), 0.0]))
+    if point[2] <= 0 and abs(v[2]) < 1e-9:
+        return None
+    return Axis.straight(point, v)
+
+
+def technique1(
+    points: Array, sigmas: Array, direction: Array, radius: float, vertical: Array
+) -> Axis | None:
+    """Technique 1: the axis from surface points and a direction known from a contour.
+
+    Least squares of the points' distance from the axis in the plane across it, robust against
+    points on the bed or on fouling.
+
+    Args:
+        points: surface points, (N, 3), m, N >= 3.
+        sigmas: standard deviations of their distance, (N,), m.
+        direction: direction of the axis, (3,).
+        radius: m.
+        vertical: unit vector up, (3,).
+    """
+    if points.shape[0] < 3:
+        return None
+    y = direction / np.linalg.norm(direction)
+    z = vertical - y * float(vertical @ y)
+    if np.linalg.norm(z) < 1e-6:
+        z = np.cross(y, np.array([1.0, 0.0, 0.0]))
+    z = z / np.linalg.norm(z)
+    x = np.cross(y, z)
+    plane = np.stack((points @ x, points @ z), axis=1)
+    # The points' mean moved by r away from the camera: there is a second minimum on its side.
+    mean = np.median(points, axis=0)
+    away = mean - y * float(mean @ y)
+    away = away / np.linalg.norm(away)
+    start_point = mean + radius * away
+    start = np.array([start_point @ x, start_point @ z])
+
+    def residual(centre: Array) -> Array:
+        away_from = np.hypot(plane[:, 0] - centre[0], plane[:, 1] - centre[1])
+        distance: Array = (away_from - radius) / sigmas
+        return distance
+
+    fit = least_squares(residual, start, loss="cauchy", f_scale=2.0)
+    along = float(np.median(points @ y))
+    return Axis.straight(fit.x[0] * x + fit.x[1] * z + along * y, y)
+
+
+def _pixel_between(left: Array, right: Array, camera: Camera) -> Array | None:
+    """Return a pixel of the picture midway between two lines, or None where neither enters it."""
+    middles = []
+    for line in (left, right):
+        ends = clip_image_line(line, camera.width, camera.height)
+        if ends is not None:
+            middles.append(0.5 * (ends[:2] + ends[2:]))
+    if not middles:
+        return None
+    # From the middle of one clipped line to the nearest place of the other.
+    start = middles[0]
+    other = (
+        right
+        if len(middles) == 2 or clip_image_line(left, camera.width, camera.height) is not None
+        else left
+    )
+    off = float(other[0] * start[0] + other[1] * start[1] + other[2])
+    foot = start - off * other[:2]
+    between: Array = 0.5 * (start + foot)
+    return between
+
+
+def clip_image_line(line: Array, width: int, height: int) -> Array | None:
+    """Clip an image line to the picture; (4,) x1 y1 x2 y2, px, or None where it misses it."""
+    a, b, c = (float(v) for v in line)
+    point = np.array([-a * c, -b * c])
+    step = np.array([-b, a])
+    low, high = -np.inf, np.inf
+    for k, size in enumerate((width, height)):
+        if abs(step[k]) < 1e-12:
+            if not -0.5 <= point[k] <= size - 0.5:
+                return None
+            continue
+        bounds = sorted(((-0.5 - point[k]) / step[k], (size - 0.5 - point[k]) / step[k]))
+        low, high = max(low, bounds[0]), min(high, bounds[1])
+    if not low < high:
+        return None
+    return np.concatenate((point + low * step, point + high * step))

@@ -1,0 +1,252 @@
+"""How well a pair of pictures bears an axis: its surface, its contours, and the bed beside it.
+
+A number of this module is a share of what was to be expected, so that frames can be compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.evidence import (
+    REFERENCE_WIDTH,
+    distances_from_axis,
+    on_face,
+    point_sigmas,
+)
+from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.geometry.cylinder import clip_line_to_view, visible_generatrices
+from pipeline_tracker.surface import SurfacePoints
+from pipeline_tracker.types import Contours, Float32Array, VectorizedStereo
+from pipeline_tracker.voting import line_support
+
+Array = NDArray[np.float64]
+
+# Thresholds of 4.1.3: R in px of a picture 1200 px wide, A in rad.
+DISTANCE = 6.0
+ANGLE = 0.12
+# A contour is called visible from this share of its length in view.
+VISIBLE_SHARE = 0.25
+# Fewer points on the face than this say nothing about its shape.
+LEAST_FACE_POINTS = 12
+_WIDTH = 4.0
+_FULL_COST = _WIDTH * _WIDTH / 6.0
+
+BITS = (
+    (Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT),
+    (Contours.RIGHT_IMAGE_LEFT, Contours.RIGHT_IMAGE_RIGHT),
+)
+
+
+@dataclass(frozen=True)
+class ContourSupport:
+    """Support of one contour in one image.
+
+    Attributes:
+        bit: which contour it is.
+        pieces: (K, 4) float64, the predicted contour in the image, px, straight piece by piece.
+        contribution: sum of contributions (4.1.3), px.
+        length: visible length, px.
+    """
+
+    bit: Contours
+    pieces: Array
+    contribution: float
+    length: float
+
+    @property
+    def share(self) -> float:
+        """Contribution over visible length, 0 to 1."""
+        return self.contribution / self.length if self.length > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Support:
+    """What a vectorized pair has for and against an axis.
+
+    Attributes:
+        contours: the two or four contours, those in view.
+        face_points: matched points where the pipe's face should be.
+        face_share: share of them that lie on it; 0 without points.
+        pierced_share: share of them that lie inside the pipe or behind it.
+        face_gain: how much better the cylinder explains them than a plane does, per point, in
+            units of the robust cost; at most about 2.7, negative where the plane is better.
+    """
+
+    contours: tuple[ContourSupport, ...]
+    face_points: int
+    face_share: float
+    pierced_share: float
+    face_gain: float
+
+    @property
+    def contour_share(self) -> float:
+        """Share of all contours' visible length that segments support, 0 to 1."""
+        length = sum(c.length for c in self.contours)
+        return sum(c.contribution for c in self.contours) / length if length > 0 else 0.0
+
+    @property
+    def contribution(self) -> float:
+        """Sum of contributions to all contours (the paper's total), px."""
+        return sum(c.contribution for c in self.contours)
+
+    @property
+    def visible(self) -> Contours:
+        """Which contours are seen."""
+        bits = Contours.NONE
+        for contour in self.contours:
+            if contour.share >= VISIBLE_SHARE:
+                bits |= contour.bit
+        return bits
+
+
+def contour_pieces(axis: Axis, radius: float, camera: Camera, reach: float) -> list[Array]:
+    """Project the two visible boundaries of a bent axis, piece by piece (4.1.2).
+
+    Args:
+        axis: the axis, left optical frame.
+        radius: m.
+        camera: the camera.
+        reach: m of the axis to each side of its origin that are projected.
+
+    Returns:
+        For the left and for the right contour (K, 4) x1 y1 x2 y2, px, clipped to the image; K is
+        0 where it is out of view.
+    """
+    straight = float(np.linalg.norm(axis.bend)) < 1e-9
+    knots = np.array([-reach, reach]) if straight else np.linspace(-reach, reach, 9)
+    out: list[list[Array]] = [[], []]
+    for t0, t1 in pairwise(knots):
+        middle = 0.5 * (t0 + t1)
+        point, direction = axis.at(middle), axis.tangent(middle)
+        edges = visible_generatrices(point, direction, radius, camera.centre)
+        if edges is None:
+            continue
+        half = 0.5 * (t1 - t0)
+        for side, edge in enumerate(edges):
+            # The section through the piece's own middle, not through the nearest point.
+            start = edge + direction * float((point - edge) @ direction)
+            view = clip_line_to_view(start, direction, camera)
+            if view is None:
+                continue
+            low, high = max(view[0], -half), min(view[1], half)
+            if low < high:
+                ends = camera.project(np.stack((start + low * direction, start + high * direction)))
+                out[side].append(ends.reshape(4))
+    return [np.array(pieces).reshape(-1, 4) for pieces in out]
+
+
+def reach_of(axis: Axis, camera: Camera) -> float:
+    """Return how far to each side of its origin an axis can be in view, m."""
+    depth = max(1.0, float(axis.point[2]))
+    return 3.0 * depth * max(camera.width / camera.fx, camera.height / camera.fy, 1.0)
+
+
+def contour_support(
+    frame: VectorizedStereo,
+    axis: Axis,
+    radius: float,
+    distance: float = DISTANCE,
+    angle: float = ANGLE,
+) -> tuple[ContourSupport, ...]:
+    """Vote for the contours of an axis in the images (4.1.2, 4.1.3).
+
+    Args:
+        frame: the vectorized pair.
+        axis: the axis, left optical frame.
+        radius: m.
+        distance: R, px at 1200 px width.
+        angle: A, rad.
+
+    Returns:
+        The contours in view, left image first.
+    """
+    found = []
+    segments = (frame.left_segments, frame.right_segments)
+    for number, camera in enumerate(frame.rig.cameras):
+        scratch = np.empty(int(np.hypot(camera.width, camera.height)) + 4)
+        scaled = max(distance * camera.width / REFERENCE_WIDTH, 2.5)
+        pieces = contour_pieces(axis, radius, camera, reach_of(axis, camera))
+        for side in (0, 1):
+            total, length = 0.0, 0.0
+            for piece in pieces[side]:
+                part, own = line_support(segments[number], piece, scaled, angle, scratch)
+                total += part
+                length += own
+            if length > 0:
+                bit = BITS[number][side]
+                found.append(ContourSupport(bit, pieces[side], total, length))
+    return tuple(found)
+
+
+def _cost(residuals: Array) -> Array:
+    inside = np.clip(1.0 - np.square(residuals / _WIDTH), 0.0, None)
+    cost: Array = _FULL_COST * (1.0 - inside**3)
+    return cost
+
+
+def _plane_cost(points: Array, depth_sigmas: Array, rays: Array) -> Array:
+    """Robust cost of each point for the best plane through the points, same noise assumed."""
+    sigmas = np.hypot(depth_sigmas, 0.003)
+    weights = np.ones(len(points))
+    cost = np.full(len(points), _FULL_COST)
+    for width in (1e3, 20.0, 8.0, _WIDTH, _WIDTH, _WIDTH):
+        total = weights.sum()
+        if total < 3.0:
+            break
+        centre = (points * weights[:, None]).sum(axis=0) / total
+        away = points - centre
+        _, vectors = np.linalg.eigh((away * weights[:, None]).T @ away)
+        normal = vectors[:, 0]
+        facing = np.maximum(np.abs(rays @ normal), 0.2)
+        residuals = (away @ normal) / np.hypot(depth_sigmas * facing, 0.003)
+        cost = _cost(residuals)
+        weights = np.square(np.clip(1.0 - np.square(residuals / width), 0.0, None)) / sigmas**2
+        weights /= max(float(weights.max()), 1e-12)
+    return cost
+
+
+def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: float) -> Support:
+    """Collect what a vectorized pair has for and against an axis.
+
+    Args:
+        frame: the vectorized pair.
+        surface: its triangulated matches.
+        axis: the axis, left optical frame.
+        radius: m.
+    """
+    contours = contour_support(frame, axis, radius)
+    face = surface.subset(on_face(surface, frame.rig.left, axis, radius))
+    count = len(face.points)
+    if count < LEAST_FACE_POINTS:
+        return Support(contours, count, 0.0, 0.0, 0.0)
+    _, distance = distances_from_axis(face.points, axis)
+    residuals = (distance - radius) / point_sigmas(face, axis)
+    on = float(np.mean(np.abs(residuals) < _WIDTH))
+    # What lies behind the face, inside the pipe or seen through it.
+    behind = residuals < -_WIDTH
+    depth = np.linalg.norm(face.points, axis=1)
+    near = np.einsum("ij,ij->i", axis.point - face.points, face.rays) < 0
+    behind |= (residuals > _WIDTH) & near & (depth > np.linalg.norm(axis.point))
+    gain = float(np.mean(_plane_cost(face.points, face.depth_sigmas, face.rays) - _cost(residuals)))
+    return Support(contours, count, on, float(np.mean(behind)), gain)
+
+
+def seen_lines(support: Support) -> tuple[Contours, Float32Array]:
+    """Return which contours are seen and their lines in the images, in bit order.
+
+    Returns:
+        The bits, and (K, 4) float32 x1 y1 x2 y2, px: the straight line through the ends of the
+        contour in view, one row for each bit set.
+    """
+    bits = support.visible
+    rows = [
+        np.concatenate((contour.pieces[0, :2], contour.pieces[-1, 2:]))
+        for contour in support.contours
+        if contour.bit & bits
+    ]
+    return bits, np.array(rows, np.float32).reshape(-1, 4)

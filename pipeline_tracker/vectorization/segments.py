@@ -1,0 +1,70 @@
+"""An image as straight segments, from fine to coarse (4.1.1)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.vectorization.chains import trace_segments
+from pipeline_tracker.vectorization.edges import (
+    gradient_magnitude,
+    magnitude_quantile,
+    suppress_non_maxima,
+)
+
+Image = NDArray[np.uint8]
+Float32Array = NDArray[np.float32]
+
+# Share of pixels whose gradient stays below the upper threshold. A share, not a value: hazy sand
+# and a lamp's glare then give alike numbers of edges. The lower threshold is a part of the upper.
+_HIGH_QUANTILE = 0.93
+_LOW_PART = 0.45
+# Below this the gradient is the camera's noise (8-bit steps through the smoothing), in units of
+# the Sobel operator.
+_LEAST_HIGH = 12.0
+
+
+def equalize(image: Image, tiles: int = 8) -> Image:
+    """Even out illumination: contrast-limited adaptive histogram equalisation."""
+    result: Image = np.asarray(
+        cv2.createCLAHE(clipLimit=3.0, tileGridSize=(tiles, tiles)).apply(image), np.uint8
+    )
+    return result
+
+
+def extract_segments(image: Image, tolerance: float, min_length: float) -> Float32Array:
+    """Vectorize one equalised image at one scale.
+
+    Args:
+        image: (H, W) uint8.
+        tolerance: a broken line is split where it deviates by more, px.
+        min_length: shorter segments are dropped, px.
+
+    Returns:
+        (N, 4) float32, x1 y1 x2 y2, px; the brighter side lies to the right of 1 -> 2.
+    """
+    smooth = cv2.GaussianBlur(image, (5, 5), 1.2)
+    dx = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 1, 0, ksize=3), np.int16)
+    dy = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 0, 1, ksize=3), np.int16)
+    magnitude = gradient_magnitude(dx, dy)
+    high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, 2), _LEAST_HIGH)
+    offset = np.empty(image.shape, np.float32)
+    ridge = suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, offset)
+    return trace_segments(ridge, dx, dy, magnitude, offset, high, tolerance, min_length)
+
+
+def shrink(image: Image, factor: int) -> Image:
+    """Shrink an image by a whole factor, averaging; rows and columns left over are dropped."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    part = image[: height * factor, : width * factor]
+    return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def to_full_size(coordinates: Float32Array, factor: int) -> Float32Array:
+    """Take pixel coordinates of a shrunk image to those of the full one (centres at integers)."""
+    return ((coordinates + np.float32(0.5)) * np.float32(factor) - np.float32(0.5)).astype(
+        np.float32
+    )

@@ -1,0 +1,119 @@
+"""A stereo pair as segments, matches and thumbnails (4.1.1)."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.types import VectorizedStereo
+from pipeline_tracker.vectorization.segments import (
+    equalize,
+    extract_segments,
+    shrink,
+    to_full_size,
+)
+from pipeline_tracker.vectorization.stereo_matching import (
+    grid_points,
+    match_points,
+    segment_points,
+)
+
+Image = NDArray[np.uint8]
+Float32Array = NDArray[np.float32]
+
+# Larger images are first shrunk by a whole factor to at most this width: the sea blurs more than
+# that, and every later step is then alike for all cameras.
+_WORKING_WIDTH = 1600
+_REFERENCE_WIDTH = 1200
+_COARSEST_WIDTH = 220
+_COARSE_MIN_LENGTH = 10.0
+_THUMBNAIL = 8
+
+
+class Vectorizer:
+    """Vectorizes stereo pairs; has no memory of earlier ones."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings.vectorization
+
+    def process(
+        self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
+    ) -> VectorizedStereo:
+        """Vectorize a rectified pair (or a left image alone).
+
+        Args:
+            stamp_ns: stamp of the left image, ns.
+            rig: the cameras; their size is that of the images.
+            left, right: (H, W) uint8; right None in mono.
+
+        Returns:
+            Segments of both images from fine to coarse, matches and thumbnails.
+        """
+        start = time.perf_counter()
+        left = np.ascontiguousarray(left)
+        left_segments = self._segments(left)
+        if right is None:
+            right_segments = np.zeros((0, 4), np.float32)
+            matches = np.zeros((0, 4), np.float32)
+            right_thumbnail = np.zeros((0, 0), np.uint8)
+        else:
+            right = np.ascontiguousarray(right)
+            right_segments = self._segments(right)
+            matches = self._matches(left, right, left_segments)
+            right_thumbnail = thumbnail(right)
+        return VectorizedStereo(
+            stamp_ns=stamp_ns,
+            rig=rig,
+            left_segments=left_segments,
+            right_segments=right_segments,
+            matches=matches,
+            left_thumbnail=thumbnail(left),
+            right_thumbnail=right_thumbnail,
+            processing_time=time.perf_counter() - start,
+        )
+
+    def _segments(self, image: Image) -> Float32Array:
+        """Segments at the working size, at half of it and so on: coarse edges survive fouling."""
+        factor = _working_factor(image.shape[1])
+        even = equalize(shrink(image, factor))
+        scale = even.shape[1] / _REFERENCE_WIDTH
+        min_length = max(6.0, self._settings.min_length * min(1.0, scale))
+        levels = []
+        step = 1
+        while step == 1 or even.shape[1] // step >= _COARSEST_WIDTH:
+            part = shrink(even, step)
+            if min(part.shape) < 16:
+                break
+            least = min_length if step == 1 else min(min_length, _COARSE_MIN_LENGTH)
+            found = extract_segments(part, self._settings.split_tolerance, least)
+            levels.append(to_full_size(found, step * factor))
+            step *= 2
+        if not levels:
+            return np.zeros((0, 4), np.float32)
+        return np.concatenate(levels)
+
+    def _matches(self, left: Image, right: Image, segments: Float32Array) -> Float32Array:
+        factor = _working_factor(left.shape[1])
+        small_left, small_right = shrink(left, factor), shrink(right, factor)
+        height, width = small_left.shape
+        spacing = max(8, round(self._settings.match_spacing * width / _REFERENCE_WIDTH))
+        along = segment_points(
+            ((segments + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)), spacing
+        )
+        points = np.concatenate((grid_points(width, height, spacing), along))
+        return to_full_size(match_points(small_left, small_right, points), factor)
+
+
+def _working_factor(width: int) -> int:
+    return max(1, -(-width // _WORKING_WIDTH))
+
+
+def thumbnail(image: Image) -> Image:
+    """Shrink an image to an eighth of each side, rounded down, averaging; uint8."""
+    if min(image.shape) < _THUMBNAIL:
+        return np.zeros((image.shape[0] // _THUMBNAIL, image.shape[1] // _THUMBNAIL), np.uint8)
+    return np.asarray(shrink(image, _THUMBNAIL), np.uint8)
