@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -10,6 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -42,3 +48,14 @@ def test_the_code_keeps_the_rules(check: str) -> None:
         check=False,
     )
     assert result.returncode == 0, f"{check}:\n{result.stdout}{result.stderr}"
+
+
+def test_every_module_below_the_nodes_is_kept_from_ros() -> None:
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    contracts = {
+        contract["type"]: contract for contract in pyproject["tool"]["importlinter"]["contracts"]
+    }
+    floors = " ".join(contracts["layers"]["layers"])
+    modules = {f"pipeline_tracker.{name}" for name in re.findall(r"\w+", floors)}
+    shells = {"pipeline_tracker.cli", "pipeline_tracker.nodes"}
+    assert set(contracts["forbidden"]["source_modules"]) == modules - shells
