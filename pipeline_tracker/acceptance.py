@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline_tracker.support import LEAST_FACE_POINTS, Support
+from pipeline_tracker.support import Support
 from pipeline_tracker.types import Contours
 
 # Measured on rendered seas: a pipe has 0.75 or more of the points of its face on it and a gain
@@ -26,7 +26,7 @@ _RIGHT_PAIR = Contours.RIGHT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT
 def support_share(support: Support) -> float:
     """Return the share of the expected evidence that was found, 0 to 1."""
     contours = min(1.0, support.contour_share / FULL_CONTOUR_SHARE)
-    if support.face_points < LEAST_FACE_POINTS:
+    if not support.face_points:
         return contours
     surface = support.face_share * float(np.clip(support.face_gain / FULL_GAIN, 0.0, 1.0))
     return 0.6 * surface + 0.4 * contours
@@ -34,7 +34,7 @@ def support_share(support: Support) -> float:
 
 def score(support: Support) -> float:
     """Return what hypotheses of one frame are ranked by."""
-    if support.face_points < LEAST_FACE_POINTS:
+    if not support.face_points:
         return 0.8 * support_share(support)
     return support_share(support) - 0.5 * support.pierced_share
 
@@ -46,7 +46,7 @@ def refusal(support: Support, stereo: bool) -> str:
         support: what was found for and against the axis.
         stereo: whether there are two images.
     """
-    if support.face_points >= LEAST_FACE_POINTS:
+    if support.face_points:
         return _refused_by_surface(support)
     visible = support.visible
     if support.contour_share < ALONE_CONTOUR_SHARE:

@@ -206,6 +206,8 @@ def gather(
     """
     camera = frame.rig.left
     face = surface.subset(on_face(surface, camera, axis, radius))
+    if not face.tells_shape(radius):
+        face = face.subset(np.zeros(len(face.points), np.bool_))
     rays, origins, sides, weights, sigmas = [], [], [], [], []
     segments = (frame.left_segments, frame.right_segments)
     for view, found in zip(frame.rig.cameras, segments, strict=False):

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, fit_axis
 from pipeline_tracker.evidence import gather
 from pipeline_tracker.pipe_segment import middle_of_view
-from pipeline_tracker.support import LEAST_FACE_POINTS
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import VectorizedStereo
 
@@ -36,6 +35,7 @@ def refine(
     radius: float,
     vertical: Array,
     prior: Prior | None = None,
+    by_contours: bool = False,
 ) -> AxisFit | None:
     """Fit the axis to what the pictures show near a rough one.
 
@@ -50,6 +50,7 @@ def refine(
         radius: m.
         vertical: unit vector up, left optical frame.
         prior: how well the start is known.
+        by_contours: the start comes from contours, so that its own contours are near it.
 
     Returns:
         The fit, its origin in the middle of the view; None where it went astray.
@@ -58,10 +59,11 @@ def refine(
     axis = start.moved(middle_of_view(start, camera))
     fit: AxisFit | None = None
     for gate, widths, surface_only in _ROUNDS:
-        evidence = gather(frame, surface, axis, radius, gate)
+        near = min(gate, _LATER_GATE) if by_contours else gate
+        evidence = gather(frame, surface, axis, radius, near)
         if not _enough(evidence):
             return None
-        if surface_only and len(evidence.points) >= LEAST_FACE_POINTS:
+        if surface_only and len(evidence.points):
             evidence = evidence.only_points()
         fit = fit_axis(axis, radius, evidence, vertical, prior, widths)
         axis = fit.axis

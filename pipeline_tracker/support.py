@@ -31,8 +31,6 @@ DISTANCE = 6.0
 ANGLE = 0.12
 # A contour is called visible from this share of its length in view.
 VISIBLE_SHARE = 0.25
-# Fewer points on the face than this say nothing about its shape.
-LEAST_FACE_POINTS = 12
 _WIDTH = 4.0
 _FULL_COST = _WIDTH * _WIDTH / 6.0
 
@@ -70,7 +68,8 @@ class Support:
 
     Attributes:
         contours: the two or four contours, those in view.
-        face_points: matched points where the pipe's face should be.
+        face_points: matched points where the pipe's face should be; 0 where they are too few or
+            too uncertain to tell its shape.
         face_share: share of them that lie on it; 0 without points.
         pierced_share: share of them that lie inside the pipe or behind it.
         face_gain: how much better the cylinder explains them than a plane does, per point, in
@@ -221,9 +220,8 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     """
     contours = contour_support(frame, axis, radius)
     face = surface.subset(on_face(surface, frame.rig.left, axis, radius))
-    count = len(face.points)
-    if count < LEAST_FACE_POINTS:
-        return Support(contours, count, 0.0, 0.0, 0.0)
+    if not face.tells_shape(radius):
+        return Support(contours, 0, 0.0, 0.0, 0.0)
     _, distance = distances_from_axis(face.points, axis)
     residuals = (distance - radius) / point_sigmas(face, axis)
     on = float(np.mean(np.abs(residuals) < _WIDTH))
@@ -233,7 +231,7 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     near = np.einsum("ij,ij->i", axis.point - face.points, face.rays) < 0
     behind |= (residuals > _WIDTH) & near & (depth > np.linalg.norm(axis.point))
     gain = float(np.mean(_plane_cost(face.points, face.depth_sigmas, face.rays) - _cost(residuals)))
-    return Support(contours, count, on, float(np.mean(behind)), gain)
+    return Support(contours, len(face.points), on, float(np.mean(behind)), gain)
 
 
 def seen_lines(support: Support) -> tuple[Contours, Float32Array]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.types import Float32Array
@@ -15,6 +16,13 @@ Array = NDArray[np.float64]
 # Standard deviation of a match's disparity, px of an image of at most WORKING_WIDTH.
 DISPARITY_SIGMA = 0.15
 WORKING_WIDTH = 1600
+# Disparities of neighbours differ by the noise and by the relief of the bed: up to this, px, on
+# rendered beds. More means poor matches (no texture, a pair that is not well rectified).
+_RELIEF = 0.45
+_NEIGHBOURS = 6
+_LEAST_MATCHES = 30
+# Fewer points on a face than this say nothing about its shape.
+LEAST_FACE_POINTS = 12
 
 
 @dataclass(frozen=True)
@@ -34,6 +42,15 @@ class SurfacePoints:
     left_pixels: Array
     right_pixels: Array
 
+    def tells_shape(self, radius: float) -> bool:
+        """Whether the depths are good enough, and many enough, to tell a pipe from a plane.
+
+        Args:
+            radius: of the pipe, m.
+        """
+        enough = len(self.points) >= LEAST_FACE_POINTS
+        return enough and float(np.median(self.depth_sigmas)) < 0.25 * radius
+
     def subset(self, mask: NDArray[np.bool_]) -> SurfacePoints:
         """Return the points where the mask, (N,), is true."""
         return SurfacePoints(
@@ -43,6 +60,35 @@ class SurfacePoints:
             self.left_pixels[mask],
             self.right_pixels[mask],
         )
+
+
+def disparity_sigma(matches: Array, width: int) -> float:
+    """Return the standard deviation of the disparities of a frame, px.
+
+    Measured on the frame itself: how far a disparity is from the plane through those of its
+    nearest neighbours in the picture.
+
+    Args:
+        matches: (N, 4), x_left y_left x_right y_right, px.
+        width: of the image, px.
+    """
+    scale = max(1.0, width / WORKING_WIDTH)
+    if len(matches) < _LEAST_MATCHES:
+        return DISPARITY_SIGMA * scale
+    places = matches[:, :2]
+    disparity = matches[:, 0] - matches[:, 2]
+    _, near = cKDTree(places).query(places, k=_NEIGHBOURS + 1)
+    near = near[:, 1:]
+    away = places[near] - places[:, None, :]
+    design = np.concatenate((np.ones((*near.shape, 1)), away), axis=2)
+    # A little is added on the diagonal: neighbours in one row span no plane.
+    normal = np.einsum("nki,nkj->nij", design, design) + np.diag([1e-6, 1.0, 1.0])
+    right = np.einsum("nki,nk->ni", design, disparity[near])
+    predicted = np.linalg.solve(normal, right[:, :, None])[:, 0, 0]
+    leverage = 1.0 + np.linalg.inv(normal)[:, 0, 0]
+    off = np.abs(disparity - predicted) / np.sqrt(leverage)
+    spread = 1.4826 * float(np.median(off))
+    return DISPARITY_SIGMA * max(scale, spread / _RELIEF)
 
 
 def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
@@ -62,7 +108,7 @@ def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
     left = rig.left.rays(found[:, :2])
     right = rig.right.rays(found[:, 2:])
     parallax = left[:, 0] - right[:, 0]
-    pixel = DISPARITY_SIGMA * max(1.0, rig.left.width / WORKING_WIDTH) / rig.left.fx
+    pixel = disparity_sigma(found, rig.left.width) / rig.left.fx
     # A parallax within its own noise gives no distance at all.
     mask = parallax > 4.0 * pixel
     left, parallax, found = left[mask], parallax[mask], found[mask]

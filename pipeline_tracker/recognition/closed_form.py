@@ -18,8 +18,7 @@ from pipeline_tracker.evidence import (
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.recognition.techniques import technique1, technique2, technique3
-from pipeline_tracker.support import LEAST_FACE_POINTS
-from pipeline_tracker.surface import SurfacePoints
+from pipeline_tracker.surface import LEAST_FACE_POINTS, SurfacePoints
 from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]

@@ -82,8 +82,10 @@ class Recognizer:
     def _best(self, frame: VectorizedStereo, surface: SurfacePoints) -> Hypothesis | None:
         """Fit the most promising hypotheses and keep the one that both kinds of evidence bear."""
         best: Hypothesis | None = None
-        for start in self._starts(frame, surface):
-            fit = refine(frame, surface, start, self._radius, self._vertical)
+        for start, by_contours in self._starts(frame, surface):
+            fit = refine(
+                frame, surface, start, self._radius, self._vertical, by_contours=by_contours
+            )
             if fit is None:
                 continue
             support = judge(frame, surface, fit.axis, self._radius)
@@ -92,9 +94,9 @@ class Recognizer:
                 best = found
         return best
 
-    def _starts(self, frame: VectorizedStereo, surface: SurfacePoints) -> list[Axis]:
-        """Hypotheses from the surface and from pairs of contours, along the vehicle's x axis."""
-        starts = [axis for axis, _ in vote_for_cylinders(surface, self._radius)[:_REFINED]]
+    def _starts(self, frame: VectorizedStereo, surface: SurfacePoints) -> list[tuple[Axis, bool]]:
+        """Hypotheses along the vehicle's x axis, with whether they come from contours."""
+        votes = vote_for_cylinders(surface, self._radius)[:_REFINED]
         rated = [
             (sum(c.contribution for c in contour_support(frame, axis, self._radius)), axis)
             for axis in self._contour_axes(frame)
@@ -107,9 +109,10 @@ class Recognizer:
             if len(chosen) == _REFINED:
                 break
         forward = self._mounting.inverse().rotate(np.array([1.0, 0.0, 0.0]))
+        starts = [(axis, False) for axis, _ in votes] + [(axis, True) for axis in chosen]
         return [
-            axis if float(axis.direction @ forward) >= 0 else axis.reversed()
-            for axis in starts + chosen
+            (axis if float(axis.direction @ forward) >= 0 else axis.reversed(), by_contours)
+            for axis, by_contours in starts
         ]
 
     def _contour_axes(self, frame: VectorizedStereo) -> list[Axis]:
