@@ -164,8 +164,7 @@ def test_share_directory_is_found_by_ros(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_one_version_everywhere() -> None:
     versions = {
-        ET.parse(directory / "package.xml").findtext("version")
-        for directory in (PACKAGE, MESSAGES)
+        ET.parse(directory / "package.xml").findtext("version") for directory in (PACKAGE, MESSAGES)
     }
     assert versions == {PROJECT["version"]} == {pipeline_tracker.__version__}
 
@@ -185,20 +184,19 @@ def _imported_packages() -> Iterator[str]:
                 yield node.module.partition(".")[0]
 
 
-# Optional: where the full ROS 2 is installed.
-OPTIONAL_ROS = {"launch", "launch_ros", "tf2_msgs"}
-
-
 def _ros_packages_in_use() -> set[str]:
-    found = {name for name in _imported_packages() if name.endswith("_msgs") or name == "rclpy"}
-    found |= {"builtin_interfaces", "rosgraph_msgs"} & set(_imported_packages())
-    return found - OPTIONAL_ROS - {"pipeline_tracker_msgs"}
+    imported = set(_imported_packages())
+    found = {name for name in imported if name.endswith(("_msgs", "_interfaces"))}
+    # tf2_msgs is used where the full ROS 2 is installed.
+    return (found | ({"rclpy"} & imported)) - {"pipeline_tracker_msgs", "tf2_msgs"}
 
 
 def test_ros_packages_in_use_are_required() -> None:
     required = {Requirement(line).name for line in PROJECT["dependencies"]}
     described = {e.text for e in ET.parse(PACKAGE / "package.xml").iter("exec_depend")}
-    for name in _ros_packages_in_use():
+    in_use = _ros_packages_in_use()
+    assert "rclpy" in in_use
+    for name in in_use:
         assert f"ros-jazzy-{name.replace('_', '-')}" in required
         assert name in described
 
