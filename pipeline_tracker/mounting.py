@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
+from typing import Any
+
+from scipy.spatial.transform import Rotation
 
 from pipeline_tracker.errors import CalibrationError, SettingsError
 from pipeline_tracker.geometry.pose import Pose
@@ -62,6 +66,18 @@ def mounting_from_settings(settings: Settings) -> Pose | None:
             f"add --set {missing}=[..., ..., ...]"
         )
     return Pose.from_rpy(translation, rotation)
+
+
+def mounting_as_settings(mounting: Pose) -> dict[str, Any]:
+    """Return base_link <- left optical frame as the settings that give it, by dotted key."""
+    with warnings.catch_warnings():
+        # Pitch of 90 degrees: one of many triples is given, and it is a right one.
+        warnings.simplefilter("ignore", UserWarning)
+        angles = Rotation.from_matrix(mounting.rotation).as_euler("xyz")
+    return {
+        "camera.translation": mounting.translation.tolist(),
+        "camera.rotation_rpy": angles.tolist(),
+    }
 
 
 def find_mounting(settings: Settings, transforms: StaticTransforms, left_frame: str) -> Pose:

@@ -1,0 +1,306 @@
+"""The command line: pipeline-tracker COMMAND ...
+
+Each command reads its arguments and hands back what is to be done; ``main`` does it and turns the
+outcome into an exit code: 0 done; 1 done, but the pipe was never found; 2 wrong command or bad
+input, with one line on stderr; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from pipeline_tracker import __version__
+from pipeline_tracker.errors import PipelineTrackerError
+
+DONE, NEVER_FOUND, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+Task = Callable[[], int]
+
+app = typer.Typer(
+    name="pipeline-tracker",
+    help="Follow an underwater pipeline with cameras alone.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=True,
+)
+
+_Bag = Annotated[Path, typer.Argument(metavar="BAG", help="Directory or .mcap file of a bag.")]
+_Config = Annotated[
+    Optional[Path],  # noqa: UP045 - typer reads it on Python 3.10 too
+    typer.Option("--config", metavar="FILE", help="YAML file of settings."),
+]
+_Set = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="A setting, such as pipe.diameter=0.6; repeatable."
+    ),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> Task | None:
+    if version:
+        return partial(_say, f"pipeline-tracker {__version__}")
+    if context.invoked_subcommand is None:
+        raise _UsageError("no command given; see `pipeline-tracker --help`")
+    return None
+
+
+@app.command()
+def replay(
+    bag: _Bag,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="DIR", help="Directory to write; by default NAME_tracked here."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace an earlier replay in DIR.")
+    ] = False,
+    config: _Config = None,
+    settings: _Set = None,
+    mono: Annotated[bool, typer.Option("--mono", help="Use the left camera alone.")] = False,
+    recognition_only: Annotated[
+        bool, typer.Option("--recognition-only", help="Each frame by itself, no tracking.")
+    ] = False,
+    technique: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--technique", metavar="1|2|3|4", help="Technique of recognition."),
+    ] = None,
+) -> Task:
+    """Run a recorded bag through the whole pipeline, as fast as it goes, dropping no frame."""
+    overrides = list(settings or [])
+    if mono:
+        overrides.append("mode=mono")
+    if recognition_only:
+        overrides.append("recognition.only=true")
+    if technique is not None:
+        if technique not in ("1", "2", "3", "4"):
+            raise _UsageError(f"--technique {technique}: expected 1, 2, 3 or 4")
+        overrides.append(f"recognition.technique={technique}")
+    return partial(_replay, bag, output, config, overrides, force=force)
+
+
+@app.command(context_settings={"ignore_unknown_options": False})
+def run(
+    config: _Config = None,
+    settings: _Set = None,
+    separate: Annotated[
+        bool, typer.Option("--separate", help="One process for each node.")
+    ] = False,
+    ros_args: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Argument(
+            metavar="[--ros-args ...]", help="ROS's own arguments: remappings, namespace."
+        ),
+    ] = None,
+) -> Task:
+    """Run the live nodes until Ctrl-C: all in one process, or one process each."""
+    return partial(_run, config, list(settings or []), separate, _of_ros(ros_args))
+
+
+@app.command()
+def play(
+    bag: _Bag,
+    rate: Annotated[
+        str, typer.Option("--rate", metavar="R", help="How many times as fast as recorded.")
+    ] = "1.0",
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    ros_args: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Argument(
+            metavar="[--ros-args ...]", help="ROS's own arguments: remappings, namespace."
+        ),
+    ] = None,
+) -> Task:
+    """Publish a recorded bag on the live topics, with /clock."""
+    return partial(_play, bag, _number("--rate", rate, float), loop, _of_ros(ros_args))
+
+
+@app.command()
+def simulate(
+    scenario: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--output", metavar="BAG", help="Directory of the bag to write."),
+    ] = None,
+    settings: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="A value of the scenario, such as frames=6."
+        ),
+    ] = None,
+    seed: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--seed", metavar="N", help="Another sea of the same kind."),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
+) -> Task:
+    """Render a sea: a bag with images, calibration, poses and truth."""
+    if list_:
+        return _list_scenarios
+    if scenario is None:
+        raise _UsageError("no SCENARIO given; `pipeline-tracker simulate --list` lists them")
+    if output is None:
+        raise _UsageError("no --output given; name the directory of the bag to write")
+    number = None if seed is None else int(_number("--seed", seed, int))
+    return partial(_simulate, scenario, output, list(settings or []), number)
+
+
+@app.command()
+def evaluate(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    truth: Annotated[Path, typer.Option("--truth", metavar="BAG", help="Bag with the truth.")],
+) -> Task:
+    """Measure a replay against the truth: the paper's tables, and DIR/evaluation.json."""
+    return partial(_evaluate, directory, truth)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit."""
+    sys.exit(run_command(sys.argv[1:] if arguments is None else arguments))
+
+
+def run_command(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code.
+
+    Args:
+        arguments: without the program's name.
+    """
+    try:
+        command = typer.main.get_command(app)
+        task = command.main(
+            _guard_ros_args(arguments), prog_name="pipeline-tracker", standalone_mode=False
+        )
+        return task() if callable(task) else int(task or DONE)
+    except (PipelineTrackerError, _UsageError) as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:
+        return _refuse("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever read our output is gone; nothing is to be said to them.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except Exception as error:
+        # typer's errors come from click, or in newer versions from a copy of it inside typer.
+        if type(error).__name__ == "Abort":
+            return _refuse("interrupted", INTERRUPTED)
+        if not hasattr(error, "format_message"):
+            raise
+        return _refuse(f"{_usage_error(error)}; see `pipeline-tracker {_help_of(error)}`")
+
+
+class _UsageError(Exception):
+    """The command line lacks something."""
+
+
+def _usage_error(error: Any) -> str:
+    text = " ".join(str(error.format_message()).split()).rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
+def _help_of(error: Any) -> str:
+    context = getattr(error, "ctx", None)
+    command = getattr(context, "info_name", None) if getattr(context, "parent", None) else None
+    return f"{command} --help" if command else "--help"
+
+
+def _refuse(reason: str, code: int = BAD_INPUT) -> int:
+    sys.stderr.write(f"pipeline-tracker: {' '.join(reason.split())}\n")
+    return code
+
+
+def _guard_ros_args(arguments: Sequence[str]) -> list[str]:
+    """Keep ROS's arguments away from our own parser: they follow ``--ros-args``."""
+    arguments = list(arguments)
+    if "--ros-args" in arguments:
+        place = arguments.index("--ros-args")
+        if "--" not in arguments[:place]:
+            arguments.insert(place, "--")
+    return arguments
+
+
+def _of_ros(arguments: Sequence[str] | None) -> list[str]:
+    given = list(arguments or [])
+    if given and given[0] != "--ros-args":
+        raise _UsageError(f"{given[0]} is not understood; ROS's own arguments follow --ros-args")
+    return given[1:]
+
+
+def _number(option: str, text: str, kind: type[float]) -> float:
+    try:
+        return kind(text)
+    except ValueError:
+        expected = "an integer" if kind is int else "a number"
+        raise _UsageError(f"{option} {text}: expected {expected}") from None
+
+
+def _say(text: str) -> int:
+    sys.stdout.write(f"{text}\n")
+    return DONE
+
+
+def _replay(
+    bag: Path, output: Path | None, config: Path | None, overrides: list[str], *, force: bool
+) -> int:
+    from pipeline_tracker.settings_io import load_settings
+
+    settings = load_settings(config, overrides)
+    from pipeline_tracker.replay import default_output, replay
+
+    outcome = replay(bag, settings, output or default_output(bag), force=force)
+    _say(outcome.text)
+    if outcome.summary.interrupted:
+        return _refuse(f"interrupted; what was computed is in {outcome.output}", INTERRUPTED)
+    return DONE if outcome.summary.found else NEVER_FOUND
+
+
+def _run(config: Path | None, overrides: list[str], separate: bool, ros_args: list[str]) -> int:
+    from pipeline_tracker.nodes.launcher import run
+
+    return run(config, overrides, separate, ros_args)
+
+
+def _play(bag: Path, rate: float, loop: bool, ros_args: list[str]) -> int:
+    from pipeline_tracker.nodes.player import play
+
+    return play(bag, rate, loop, ros_args)
+
+
+def _list_scenarios() -> int:
+    from pipeline_tracker.simulation import list_scenarios
+
+    scenarios = list_scenarios()
+    width = max(map(len, scenarios), default=0)
+    return _say("\n".join(f"{name:<{width}}  {text}" for name, text in scenarios.items()))
+
+
+def _simulate(scenario: str, output: Path, overrides: list[str], seed: int | None) -> int:
+    from pipeline_tracker.simulation import simulate
+
+    return _say(f"written to {simulate(scenario, output, overrides, seed)}")
+
+
+def _evaluate(directory: Path, truth: Path) -> int:
+    from pipeline_tracker.evaluation import evaluate_command
+
+    evaluate_command(directory, truth)
+    return DONE
+
+
+if __name__ == "__main__":
+    main()

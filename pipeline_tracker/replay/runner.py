@@ -1,0 +1,258 @@
+"""The replay itself: bag in, directory of results out."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TextIO
+
+from pipeline_tracker import __version__
+from pipeline_tracker.bags.reader import BagReader
+from pipeline_tracker.errors import BagError, PipelineTrackerError
+from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.geometry.pose_buffer import PoseBuffer
+from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
+from pipeline_tracker.replay.estimates import EstimatesFile, estimate_row, lost_row
+from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
+from pipeline_tracker.replay.progress import ReplayProgress
+from pipeline_tracker.replay.result_bag import ResultBag
+from pipeline_tracker.replay.summary import ReplaySummary
+from pipeline_tracker.report.overlay import OverlayKeeper
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.settings_io import dump_settings
+from pipeline_tracker.types import Image
+
+OUR_FILES = ("estimates.csv", "settings.yaml", "result", "overlay_best.png", "overlay_middle.png")
+
+
+class PipelineLike(Protocol):
+    """What a replay needs of the pipeline."""
+
+    poses: PoseBuffer
+
+    def process(
+        self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
+    ) -> FrameResult:
+        """Process one frame."""
+
+    def reset(self, reason: str) -> None:
+        """Forget everything."""
+
+
+PipelineMaker = Callable[[Settings, Pose, bool], PipelineLike]
+
+
+@dataclass(frozen=True)
+class ReplayOutcome:
+    """What came of a replay.
+
+    Attributes:
+        output: the directory that was written.
+        summary: counts.
+        text: the summary in words.
+    """
+
+    output: Path
+    summary: ReplaySummary
+    text: str
+
+
+def default_output(bag: Path) -> Path:
+    """Return the directory that a replay writes when none is given: ``NAME_tracked`` here."""
+    name = bag.resolve().name
+    return Path(f"{Path(name).stem if bag.is_file() else name}_tracked")
+
+
+def replay(
+    bag: Path,
+    settings: Settings,
+    output: Path,
+    *,
+    force: bool = False,
+    stream: TextIO | None = None,
+    make_pipeline: PipelineMaker | None = None,
+) -> ReplayOutcome:
+    """Run a bag through the pipeline, as fast as it goes, dropping no frame.
+
+    Args:
+        bag: directory or file.
+        settings: all settings.
+        output: directory to write; created.
+        force: whether what an earlier replay left there may be replaced.
+        stream: where progress is told; standard output by default.
+        make_pipeline: called with settings, mounting and recognition-only; the pipeline by default.
+
+    Raises:
+        PipelineTrackerError: bad input; where the bag turns out damaged on the way, what was
+            computed before is kept.
+        KeyboardInterrupt: interrupted a second time, or before the first frame. The first time the
+            frame at hand is finished, all files are closed, and the summary says so.
+    """
+    check_output(output, bag, force=force)
+    with BagReader(bag) as reader:
+        source = ReplayInput(reader, settings)
+        if make_pipeline is None:
+            warm_up(source.settings)
+        run = _Run(source, output, make_pipeline or Pipeline)
+        with _writing(output):
+            _prepare(output, bag, source.settings)
+        run.go(stream or sys.stdout)
+        has_truth = "/ground_truth/pose" in reader.topics
+    return ReplayOutcome(output, run.summary, run.in_words(bag, has_truth=has_truth))
+
+
+def check_output(output: Path, bag: Path, *, force: bool) -> None:
+    """Check that a directory can be written to without a loss.
+
+    Raises:
+        BagError: it is a file, is the bag itself, or is not empty (without ``force``).
+    """
+    if output.exists() and not output.is_dir():
+        raise BagError(f"{output}: is a file, expected a directory for --output; name another")
+    if output.is_dir() and output.resolve() == bag.resolve():
+        raise BagError(f"{output}: is the bag itself; name another directory with --output")
+    try:
+        first = next(iter(sorted(output.iterdir())), None) if output.is_dir() else None
+    except OSError as error:
+        raise BagError(f"{output}: cannot be read ({error.strerror}); name another") from None
+    if first is not None and not force:
+        raise BagError(
+            f"{output}: the output directory is not empty (it has {first.name}); name another with "
+            "--output, or replace an earlier replay in it with --force"
+        )
+
+
+class _Run:
+    def __init__(self, source: ReplayInput, output: Path, make: PipelineMaker) -> None:
+        self.summary = ReplaySummary()
+        self._source = source
+        self._output = output
+        settings = source.settings
+        self._settings = settings
+        self._pipeline = make(settings, source.mounting, settings.recognition.only)
+        self._overlay = OverlayKeeper(source.mounting, source.frame_count)
+        self._pictures: list[Path] = []
+
+    def go(self, stream: TextIO) -> None:
+        """Process all frames and close all files, whatever happens."""
+        source, poses = self._source, self._pipeline.poses
+        start = time.monotonic()
+        with (
+            _writing(self._output),
+            EstimatesFile(self._output / "estimates.csv") as table,
+            ResultBag(self._output / "result", self._settings, source.left_frame) as result,
+            ReplayProgress(source.frame_count, stream) as progress,
+            _interrupt_between_frames() as interrupted,
+        ):
+            try:
+                frames = source.frames(poses, lambda: self._pipeline.reset(BACKWARD))
+                for frame in _then(frames, lambda: source.rest(poses)):
+                    self._take(frame, table, result)
+                    progress.advance()
+                    if interrupted():
+                        self.summary.interrupted = True
+                        break
+            except BagError as error:
+                raise BagError(
+                    f"{error}; the {self.summary.frames} frames before are in {self._output}"
+                ) from None
+            finally:
+                self.summary.seconds = time.monotonic() - start
+                self._pictures = self._overlay.write(self._output)
+
+    def in_words(self, bag: Path, *, has_truth: bool) -> str:
+        return self.summary.in_words(
+            bag,
+            self._output,
+            self._settings,
+            self._source.counts,
+            self._pictures,
+            has_truth=has_truth,
+        )
+
+    def _take(self, frame: Frame, table: EstimatesFile, result: ResultBag) -> None:
+        if frame.rig is None or frame.left is None:
+            row = lost_row(frame.stamp_ns, frame.reason)
+            table.write(frame.epoch, row)
+            self.summary.add(row, has_pose=False)
+            return
+        pose = self._pipeline.poses.at(frame.stamp_ns)
+        start = time.perf_counter()
+        done = self._pipeline.process(frame.stamp_ns, frame.rig, frame.left, frame.right)
+        spent = 1e3 * (time.perf_counter() - start)
+        status, segment, state = done.tracked.status, done.tracked.segment, done.relative_state
+        row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
+        table.write(frame.epoch, row)
+        self.summary.add(row, has_pose=pose is not None)
+        result.write(frame, done.vectorized, done.recognition, status, segment, state, pose)
+        self._overlay.take(frame.left, frame.right, done)
+
+
+def _prepare(output: Path, bag: Path, settings: Settings) -> None:
+    output.mkdir(parents=True, exist_ok=True)
+    for name in OUR_FILES:
+        path = output / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    comment = (
+        f"pipeline_tracker {__version__}, replay of {bag.resolve().name}\n"
+        "The same again: pipeline-tracker replay BAG --config THIS_FILE"
+    )
+    (output / "settings.yaml").write_text(dump_settings(settings, comment), encoding="utf-8")
+
+
+def _then(frames: Iterator[Frame], rest: Callable[[], Iterator[Frame]]) -> Iterator[Frame]:
+    """Yield frames, and where the bag breaks off, those that still waited, before the error."""
+    try:
+        yield from frames
+    except BagError:
+        yield from rest()
+        raise
+
+
+@contextmanager
+def _writing(output: Path) -> Iterator[None]:
+    """Turn a full disk, or one that cannot be written to, into one line."""
+    try:
+        yield
+    except PipelineTrackerError:
+        raise
+    except OSError as error:
+        raise BagError(
+            f"{output}: cannot be written ({error.strerror or error}); make room there, or name "
+            "another directory with --output"
+        ) from None
+
+
+@contextmanager
+def _interrupt_between_frames() -> Iterator[Callable[[], bool]]:
+    """Let the frame at hand be finished when Ctrl-C comes; a second one ends at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    asked = False
+
+    def ask(_number: int, _frame: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        for number in before:
+            signal.signal(number, ask)
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,232 @@
+"""What came out of a replay, in words."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline_tracker.geometry.pose_buffer import SECOND_NS
+from pipeline_tracker.replay.input import InputCounts
+from pipeline_tracker.settings import Settings
+
+# So many stretches without the pipe, and reasons, are told one by one.
+_SHOWN = 5
+_MOST_REASONS = 200
+_IN_WORDS = {
+    "no_right_image": "no right image within sync.tolerance",
+    "no_left_image": "no left image within sync.tolerance",
+    "late": "came too late for its partner",
+    "repeated": "the stamp was there before",
+    "queue_full": "no right image, and too many left ones waited (sync.queue)",
+    "pipe_not_found": "no pipe was found in the pictures",
+    "no_pose": "without a pose",
+    "no_pose, pipe_not_found": "no pipe was found in the pictures (nor was there a pose)",
+}
+
+
+@dataclass
+class Stretch:
+    """Frames one after another that are not valid, or are lost."""
+
+    first: int
+    last: int
+    start_ns: int
+    end_ns: int
+    reasons: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass
+class ReplaySummary:
+    """Counts of a replay, filled frame by frame in bounded memory."""
+
+    frames: int = 0
+    valid: int = 0
+    without_pose: int = 0
+    lost: int = 0
+    states: Counter[str] = field(default_factory=Counter)
+    modes: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    stretches: list[Stretch] = field(default_factory=list)
+    further_stretches: int = 0
+    distance_along: float = 0.0
+    interrupted: bool = False
+    seconds: float = 0.0
+    _open: Stretch | None = None
+    _start_ns: int | None = None
+    _chainage: tuple[float, float] | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether the pipe was found in any frame."""
+        return self.valid > 0
+
+    def add(self, row: dict[str, str], *, has_pose: bool) -> None:
+        """Take in a row of estimates.csv."""
+        stamp = int(row["stamp_ns"])
+        if self._start_ns is None:
+            self._start_ns = stamp
+        self.frames += 1
+        valid = row["valid"] == "1"
+        if "state" in row:
+            self.states[row["state"]] += 1
+            self.without_pose += not has_pose
+        else:
+            self.lost += 1
+        if valid:
+            self.valid += 1
+            self.modes[row.get("mode", "")] += 1
+            self._open = None
+            if "chainage" in row:
+                self._follow(float(row["chainage"]))
+            return
+        reason = row.get("reason", "") or "no reason given"
+        if reason in self.reasons or len(self.reasons) < _MOST_REASONS:
+            self.reasons[reason] += 1
+        self._miss(stamp, reason)
+
+    def _follow(self, chainage: float) -> None:
+        low, high = self._chainage or (chainage, chainage)
+        self._chainage = min(low, chainage), max(high, chainage)
+        self.distance_along = self._chainage[1] - self._chainage[0]
+
+    def _miss(self, stamp: int, reason: str) -> None:
+        if self._open is None:
+            self._open = Stretch(self.frames, self.frames, stamp, stamp)
+            if len(self.stretches) < _SHOWN:
+                self.stretches.append(self._open)
+            else:
+                self.further_stretches += 1
+        self._open.last, self._open.end_ns = self.frames, stamp
+        self._open.reasons[reason] += 1
+
+    def in_words(
+        self,
+        bag: Path,
+        output: Path,
+        settings: Settings,
+        counts: InputCounts,
+        pictures: list[Path],
+        *,
+        has_truth: bool,
+    ) -> str:
+        """Return the summary for a person: what, where lost and why, where it is, what next."""
+        lines = [self._headline(bag)]
+        lines += [f"  {line}" for line in self._about_states()]
+        lines += [f"  {line}" for line in self._about_stretches()]
+        lines += [f"  {line}" for line in self._about_poses(settings, counts)]
+        lines += [f"  {line}" for line in _about_input(counts)]
+        lines.append(f"Written to {output}: estimates.csv (one row for each left image),")
+        names = ", ".join(picture.name for picture in pictures)
+        lines.append(
+            "  result/ (open it in Foxglove or with `ros2 bag`), settings.yaml (this run again)"
+            + (f", {names}" if names else "")
+        )
+        lines.append(f"Next: {self._next(bag, output, pictures, has_truth=has_truth)}")
+        return "\n".join(lines)
+
+    def _headline(self, bag: Path) -> str:
+        share = 100.0 * self.valid / self.frames if self.frames else 0.0
+        rate = self.frames / self.seconds if self.seconds > 0 else 0.0
+        begun = "interrupted after " if self.interrupted else ""
+        return (
+            f"{bag.name or bag}: {begun}{_count(self.frames, 'frame')}, pipe found in {self.valid} "
+            f"({share:.0f} %), {self.seconds:.1f} s, {rate:.1f} frames/s"
+        )
+
+    def _about_states(self) -> list[str]:
+        parts = [f"{n} {state}" for state, n in sorted(self.states.items())]
+        if self.lost:
+            parts.append(f"{self.lost} not processed")
+        lines = ["states: " + ", ".join(parts)] if parts else []
+        if self.valid:
+            lines.append(
+                f"found by tracking in {self.modes['tracking']}, by recognition in "
+                f"{self.modes['recognition']}"
+            )
+        if self.distance_along > 0.0:
+            lines.append(f"followed over {self.distance_along:.2f} m of pipe")
+        return lines
+
+    def _about_stretches(self) -> list[str]:
+        lines = []
+        for stretch in self.stretches:
+            assert self._start_ns is not None  # noqa: S101 - a stretch has frames
+            start = (stretch.start_ns - self._start_ns) / SECOND_NS
+            end = (stretch.end_ns - self._start_ns) / SECOND_NS
+            where = (
+                f"frame {stretch.first} ({start:.1f} s)"
+                if stretch.first == stretch.last
+                else f"frames {stretch.first} to {stretch.last} ({start:.1f} to {end:.1f} s)"
+            )
+            why = "; ".join(
+                _reason(reason) + (f" ({n})" if len(stretch.reasons) > 1 else "")
+                for reason, n in stretch.reasons.most_common(3)
+            )
+            lines.append(f"not found in {where}: {why}")
+        if self.further_stretches:
+            lines.append(f"and in {_count(self.further_stretches, 'further stretch', 'es')}")
+        return lines
+
+    def _about_poses(self, settings: Settings, counts: InputCounts) -> list[str]:
+        if settings.recognition.only:
+            return ["nothing was tracked: each frame was recognised by itself, as asked"]
+        processed = self.frames - self.lost
+        if not self.without_pose or not processed:
+            return []
+        alone = "each frame was recognised by itself"
+        if not settings.topics.pose:
+            return [f"nothing was tracked, {alone}: the bag has no vehicle poses (vnm/pose)"]
+        topic = settings.topics.pose
+        if not counts.poses:
+            return [f"nothing was tracked, {alone}: no pose of {topic} could be used"]
+        if self.without_pose == processed:
+            line = (
+                f"nothing was tracked, {alone}: no pose of {topic} is near an image in time "
+                f"(pose.max_gap={settings.pose.max_gap:g} s)"
+            )
+        else:
+            line = (
+                f"{_count(self.without_pose, 'frame')} had no pose of {topic} and stood alone: "
+                f"the poses leave gaps beyond pose.max_gap={settings.pose.max_gap:g} s, or begin "
+                "late or end early"
+            )
+        return [line]
+
+    def _next(self, bag: Path, output: Path, pictures: list[Path], *, has_truth: bool) -> str:
+        if self.interrupted:
+            return "run it again with --force for the whole bag"
+        if not self.found:
+            look = f"look at {output / pictures[0].name}; " if pictures else ""
+            return (
+                f"{look}is there a pipe in the pictures, and is pipe.diameter right? "
+                "A lower recognition.min_support finds more, and more that is no pipe"
+            )
+        if has_truth:
+            return f"compare with the truth: pipeline-tracker evaluate {output} --truth {bag}"
+        look = f"look at {output / pictures[0].name}: " if pictures else ""
+        return (
+            f"{look}do the lines lie on the pipe's edges? If not, check pipe.diameter, "
+            "the calibration and the camera's mounting"
+        )
+
+
+def _about_input(counts: InputCounts) -> list[str]:
+    lines = []
+    if counts.alone:
+        why = ", ".join(f"{n} {_reason(reason)}" for reason, n in counts.alone.most_common())
+        lines.append(f"{_count(sum(counts.alone.values()), 'image')} without a partner: {why}")
+    if counts.unused_poses:
+        why = ", ".join(f"{n} {reason}" for reason, n in counts.unused_poses.most_common(3))
+        lines.append(f"{_count(sum(counts.unused_poses.values()), 'pose')} not used: {why}")
+    for topic, n in counts.unreadable.most_common(_SHOWN):
+        lines.append(f"{_count(n, 'message')} of {topic} could not be read")
+    return lines
+
+
+def _reason(reason: str) -> str:
+    return _IN_WORDS.get(reason, reason)
+
+
+def _count(number: int, what: str, plural: str = "s") -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}{plural}"
