@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 SECOND = 1_000_000_000
 RADIUS = 0.3
 SETTINGS = Settings.model_validate({"pipe": {"diameter": 2 * RADIUS}})
-MOUNTING = Pose.from_rpy([0.4, 0.1, -0.2], [math.pi - 0.5, 0.0, -math.pi / 2.0])
+MOUNTING = Pose.from_rpy([0.4, 0.1, -0.2], [-math.pi + 0.5, 0.0, -math.pi / 2.0])
 COVARIANCE = np.diag([1e-4, 4e-4, 1e-4, 2e-4])
 
 

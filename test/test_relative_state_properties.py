@@ -21,7 +21,7 @@ from pipeline_tracker.types import Mode, PipeSegment, RelativeState, Side, State
 Array = NDArray[np.float64]
 
 SECOND = 1_000_000_000
-MOUNTING = Pose.from_rpy([0.4, 0.1, -0.2], [math.pi - 0.5, 0.0, -math.pi / 2.0])
+MOUNTING = Pose.from_rpy([0.4, 0.1, -0.2], [-math.pi + 0.5, 0.0, -math.pi / 2.0])
 MIRROR = np.diag([1.0, -1.0, 1.0])
 
 

@@ -1,0 +1,180 @@
+"""What a replay left behind: estimates.csv, settings.yaml and the bag of its results."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.bags.reader import BagReader
+from pipeline_tracker.errors import EvaluationError
+from pipeline_tracker.messages import relative_state_from_message, segment_from_message, stamp_ns
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.settings_io import load_settings
+from pipeline_tracker.types import RelativeState
+
+Array = NDArray[np.float64]
+
+_POINTS = [f"{end}_{axis}" for end in ("start", "end") for axis in "xyz"]
+NUMBERS = (
+    "heading_misalignment",
+    "pitch_misalignment",
+    "min_distance",
+    "approach_speed",
+    "lateral_offset",
+)
+_COLUMNS = ("stamp_ns", "state", "valid", "reason", "mode", "technique", *_POINTS, *NUMBERS)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A row of estimates.csv.
+
+    Attributes:
+        stamp_ns: stamp of the left image, ns.
+        state, mode: names in lower case; mode empty without a segment.
+        valid: whether an autopilot may use it.
+        has_pose: whether the vehicle's pose was known.
+        technique: 0 tracking, 1 to 4; None without a segment.
+        start, end: ends of the segment in base_link, (3,), m; None without a segment.
+        numbers: the columns of ``NUMBERS`` that are not empty.
+    """
+
+    stamp_ns: int
+    state: str
+    valid: bool
+    has_pose: bool
+    mode: str
+    technique: int | None
+    start: Array | None
+    end: Array | None
+    numbers: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A replay.
+
+    Attributes:
+        directory: where it is.
+        settings: its settings.
+        estimates: its rows, in time order.
+        covariances: 4 x 4 of the segment by stamp; empty where the result bag is missing.
+        states: the relative state by stamp, likewise.
+        thumbnails: left thumbnail by stamp, of a few frames, as the replay saw them.
+    """
+
+    directory: Path
+    settings: Settings
+    estimates: list[Estimate]
+    covariances: dict[int, Array]
+    states: dict[int, RelativeState]
+    thumbnails: dict[int, NDArray[np.uint8]]
+
+
+def read_replay(directory: Path, thumbnails: int = 5) -> Replay:
+    """Read a replay.
+
+    Args:
+        directory: the output directory of a replay.
+        thumbnails: of how many frames, evenly spread, to keep the thumbnail.
+
+    Raises:
+        EvaluationError: it is not a replay's output, or its table is damaged.
+        BagError: its result bag is damaged.
+        SettingsError: its settings are.
+    """
+    table, config = directory / "estimates.csv", directory / "settings.yaml"
+    for file in (table, config):
+        if not file.is_file():
+            raise EvaluationError(
+                f"{directory}: no {file.name} in it; expected the output directory of "
+                "`pipeline-tracker replay`"
+            )
+    estimates = _read_table(table)
+    if not estimates:
+        raise EvaluationError(f"{table}: it has no rows, there is nothing to evaluate")
+    every = max(1, len(estimates) // thumbnails)
+    wanted = {e.stamp_ns for e in estimates[every // 2 :: every][:thumbnails]}
+    replay = Replay(directory, load_settings(config), estimates, {}, {}, {})
+    if (directory / "result").exists():
+        _read_result(directory / "result", replay, wanted)
+    return replay
+
+
+def _read_table(path: Path) -> list[Estimate]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [c for c in _COLUMNS if c not in (reader.fieldnames or ())]
+            if missing:
+                raise EvaluationError(
+                    f"{path}: it has no column {missing[0]}; expected the table of a replay"
+                )
+            return [_estimate(path, reader.line_num, row) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise EvaluationError(f"{path}: cannot be read ({error})") from None
+
+
+def _estimate(path: Path, line: int, row: dict[str, str]) -> Estimate:
+    try:
+        estimate = Estimate(
+            stamp_ns=int(row["stamp_ns"]),
+            state=row["state"],
+            valid=bool(int(row["valid"])),
+            has_pose="no_pose" not in row["reason"],
+            mode=row["mode"],
+            technique=int(row["technique"]) if row["technique"] else None,
+            start=_point(row, "start"),
+            end=_point(row, "end"),
+            numbers={name: _number(row[name]) for name in NUMBERS if row[name]},
+        )
+    except (ValueError, TypeError) as error:
+        raise EvaluationError(
+            f"{path}, line {line}: {error}; the table is damaged, replay again"
+        ) from None
+    start, end = estimate.start, estimate.end
+    if estimate.valid and (start is None or end is None):
+        raise EvaluationError(f"{path}, line {line}: a valid row without a segment; replay again")
+    if start is not None and end is not None and np.array_equal(start, end):
+        raise EvaluationError(f"{path}, line {line}: a segment without length; replay again")
+    return estimate
+
+
+def _point(row: dict[str, str], name: str) -> Array | None:
+    cells = [row[f"{name}_{axis}"] for axis in "xyz"]
+    return np.array([_number(cell) for cell in cells]) if all(cells) else None
+
+
+def _number(cell: str) -> float:
+    value = float(cell)
+    if not np.isfinite(value):
+        raise ValueError(f"{cell} is not a finite number")
+    return value
+
+
+def _read_result(path: Path, replay: Replay, thumbnails: set[int]) -> None:
+    """Fill in what the table does not hold."""
+    with BagReader(path) as bag:
+        names = {
+            name: kind
+            for name in bag.topics
+            for kind in ("segment", "relative_state", "vectorized")
+            if name.endswith(f"pipeline/{kind}")
+        }
+        for record in bag.records(names):
+            kind = names[record.topic]
+            if kind == "vectorized" and record.stamp_guess() not in thumbnails:
+                continue
+            message = record.unpack()
+            stamp = stamp_ns(message.header)
+            if kind == "segment":
+                replay.covariances[stamp] = segment_from_message(message).covariance
+            elif kind == "relative_state":
+                replay.states[stamp] = relative_state_from_message(message)
+            else:
+                shape = (message.left_info.height // 8, message.left_info.width // 8)
+                replay.thumbnails[stamp] = np.array(message.left_thumbnail, np.uint8).reshape(shape)
