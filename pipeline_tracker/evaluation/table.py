@@ -55,7 +55,7 @@ def _share(what: str, valid: int | None, of: int) -> str:
 
 
 def _divergence(evaluation: Evaluation) -> Table:
-    table = Table(title="Divergence of the segment, sum over its two ends, cm (average / maximum)")
+    table = Table(title="Divergence, sum of both ends, cm: average / max")
     for name in ("", "frames", "horizontal", "vertical", "distance", "in 95 %"):
         table.add_column(name, justify="left" if not name else "right", no_wrap=True)
     for name, group in evaluation.groups.items():
