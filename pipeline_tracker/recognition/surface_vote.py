@@ -22,6 +22,54 @@ _LEAST_VOTES = 8
 
 
 @compiled
+def _best_level(
+    heights: Array, slack: Array, count: int, width: float, table: Array
+) -> tuple[float, float]:
+    """Find the height of the axis for which most points of one strip vote.
+
+    Args:
+        heights: for each point the height at which the axis would lie, were the point on the
+            pipe's upper face, m.
+        slack: tolerance of each, m.
+        count: how many of both are in use.
+        width: of a cell of the table, m.
+        table: (3, cells), room for votes, points above and points below.
+
+    Returns:
+        Votes less objections, and the height, m.
+    """
+    cells = table.shape[1]
+    # A sample is enough to know where about the strip lies.
+    low = np.median(heights[: count : 1 + count // 16]) - 0.5 * cells * width
+    table[:] = 0.0
+    for k in range(count):
+        place = (heights[k] - low) / width
+        reach = slack[k] / width
+        first = max(0, int(np.ceil(place - reach)))
+        last = min(cells - 1, int(np.floor(place + reach)))
+        for cell in range(first, last + 1):
+            table[0, cell] += 1.0 - 0.5 * abs(cell - place) / reach
+        # Of the cells before the first this point stands above the pipe; for those after the
+        # last it lies inside it, and the camera would look through the pipe.
+        if first > 0:
+            table[1, min(first, cells) - 1] += 1.0
+        if last < cells - 1:
+            table[2, max(last, -1) + 1] += 1.0
+    above = 0.0
+    for cell in range(cells - 1, -1, -1):
+        above += table[1, cell]
+        table[0, cell] -= 0.4 * above
+    inside = 0.0
+    best = 0
+    for cell in range(cells):
+        inside += table[2, cell]
+        table[0, cell] -= 0.7 * inside
+        if table[0, cell] > table[0, best]:
+            best = cell
+    return table[0, best], low + best * width
+
+
+@compiled
 def _vote_directions(
     u: Array, h: Array, tolerance: Array, radius: float, step: float, best: Array
 ) -> None:
@@ -38,6 +86,8 @@ def _vote_directions(
     keep = best.shape[0]
     heights = np.empty(n)
     slack = np.empty(n)
+    width = max(0.4 * np.median(tolerance), 0.01 * radius)
+    table = np.empty((3, max(8, int(4.0 * radius / width))))
     first = 0
     position = u[0]
     while position <= u[n - 1]:
@@ -47,41 +97,29 @@ def _vote_directions(
         i = first
         while i < n and u[i] <= position + _STRIP_SHARE * radius:
             off = u[i] - position
-            # The height at which the axis would lie, were this point on the pipe's upper face.
             heights[count] = h[i] - np.sqrt(radius * radius - off * off)
             slack[count] = tolerance[i]
             count += 1
             i += 1
         if count >= _LEAST_VOTES:
-            for a in range(count):
-                level = heights[a]
-                votes = 0.0
-                for b in range(count):
-                    gap = heights[b] - level
-                    if abs(gap) <= slack[b]:
-                        votes += 1.0 - 0.5 * abs(gap) / slack[b]
-                    elif gap < 0.0:
-                        # It lies inside the cylinder: the camera would look through the pipe.
-                        votes -= 0.7
-                    else:
-                        votes -= 0.4
-                if votes > best[keep - 1, 0]:
-                    place = keep - 1
-                    # A better vote near an earlier one takes its place.
-                    for k in range(keep):
-                        if best[k, 0] > 0.0 and abs(best[k, 1] - position) < 0.5 * radius:
-                            place = k
-                            break
-                    if votes > best[place, 0]:
-                        best[place, 0] = votes
-                        best[place, 1] = position
-                        best[place, 2] = level
-                        while place > 0 and best[place, 0] > best[place - 1, 0]:
-                            for c in range(3):
-                                held = best[place, c]
-                                best[place, c] = best[place - 1, c]
-                                best[place - 1, c] = held
-                            place -= 1
+            votes, level = _best_level(heights, slack, count, width, table)
+            if votes > best[keep - 1, 0]:
+                place = keep - 1
+                # A better vote near an earlier one takes its place.
+                for k in range(keep):
+                    if best[k, 0] > 0.0 and abs(best[k, 1] - position) < 0.5 * radius:
+                        place = k
+                        break
+                if votes > best[place, 0]:
+                    best[place, 0] = votes
+                    best[place, 1] = position
+                    best[place, 2] = level
+                    while place > 0 and best[place, 0] > best[place - 1, 0]:
+                        for c in range(3):
+                            held = best[place, c]
+                            best[place, c] = best[place - 1, c]
+                            best[place - 1, c] = held
+                        place -= 1
         position += step
 
 
