@@ -184,9 +184,10 @@ def solve_by_technique(
         if pair is None:
             return None
         lines = [(line, camera) for line in pair]
+        seen = camera.project(known.point)
 
         def solve(moved: list[Array]) -> Axis | None:
-            return technique2(moved[0], moved[1], camera, radius)
+            return technique2(moved[0], moved[1], camera, radius, seen)
 
     else:
         if left_pair is None or right_pair is None or rig.right is None:

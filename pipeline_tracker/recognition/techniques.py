@@ -49,13 +49,17 @@ def oriented_planes(left: Array, right: Array, camera: Camera) -> tuple[Array, A
     return n_left, n_right
 
 
-def technique2(left: Array, right: Array, camera: Camera, radius: float) -> Axis | None:
+def technique2(
+    left: Array, right: Array, camera: Camera, radius: float, seen: Array | None = None
+) -> Axis | None:
     """Technique 2: tangent planes of one image.
 
     Args:
         left, right: the two contours of the pipe in that image.
         camera: the camera.
         radius: m.
+        seen: a pixel between them where the pipe is seen, (2,), for a camera that looks so far
+            forward that the contours meet in the picture; None: midway between the lines.
 
     Returns:
         The axis, or None where the lines are no contours of a pipe before the camera.
@@ -73,7 +77,7 @@ def technique2(left: Array, right: Array, camera: Camera, radius: float) -> Axis
     n_median = n_median / np.linalg.norm(n_median)
     beta = float(np.arctan2(sine, float(n_left @ n_right)))
     distance = radius / np.sin(beta / 2.0)
-    inside = _pixel_between(left, right, camera)
+    inside = _pixel_between(left, right, camera) if seen is None else seen
     if inside is None:
         return None
     u = np.cross(v, n_median)
@@ -150,16 +154,18 @@ def technique1(
     away = mean - y * float(mean @ y)
     away = away / np.linalg.norm(away)
     start_point = mean + radius * away
-    start = np.array([start_point @ x, start_point @ z])
+    centre = np.array([start_point @ x, start_point @ z])
 
-    def residual(centre: Array) -> Array:
-        away_from = np.hypot(plane[:, 0] - centre[0], plane[:, 1] - centre[1])
+    def residual(place: Array) -> Array:
+        away_from = np.hypot(plane[:, 0] - place[0], plane[:, 1] - place[1])
         distance: Array = (away_from - radius) / sigmas
         return distance
 
-    fit = least_squares(residual, start, loss="cauchy", f_scale=2.0)
+    # From wide to narrow: a narrow fit from so rough a start often ends in that second minimum.
+    for width in (20.0, 6.0, 2.0):
+        centre = least_squares(residual, centre, loss="cauchy", f_scale=width).x
     along = float(np.median(points @ y))
-    return Axis.straight(fit.x[0] * x + fit.x[1] * z + along * y, y)
+    return Axis.straight(centre[0] * x + centre[1] * z + along * y, y)
 
 
 def _pixel_between(left: Array, right: Array, camera: Camera) -> Array | None:
