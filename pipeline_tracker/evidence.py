@@ -22,7 +22,7 @@ ROUGHNESS = 0.003
 # holds pipe and bed at once.
 FACE_SHARE = 0.9
 # Standard deviation of a segment's place, px of an image 1200 px wide.
-EDGE_SIGMA = 1.0
+EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
 EDGE_SAMPLE = 30.0
 REFERENCE_WIDTH = 1200.0

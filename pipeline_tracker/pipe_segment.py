@@ -16,9 +16,10 @@ from pipeline_tracker.types import Mode, PipeSegment, VectorizedStereo
 
 Array = NDArray[np.float64]
 
-# What no residual shows: calibration, the shape of a real pipe. Standard deviations of left m,
-# up m, heading rad, pitch rad, added to those of the fit.
-_MODEL_SIGMAS = np.array([0.0015, 0.0015, 0.002, 0.002])
+# What no residual shows: calibration, the shape of a real pipe, edges that are not its contour.
+# Standard deviations of left and up for each metre of distance, of heading and pitch in rad; added
+# to those of the fit.
+_MODEL_SIGMAS = np.array([0.0012, 0.0012, 0.003, 0.003])
 
 
 def middle_of_view(axis: Axis, camera: Camera) -> float:
@@ -69,7 +70,9 @@ def segment_ends(axis: Axis, camera: Camera, length: float) -> tuple[Array, Arra
 
 def published_covariance(fit: AxisFit) -> Array:
     """Return the 4 x 4 covariance (left, up, heading, pitch) of a fit at its origin."""
-    covariance: Array = fit.covariance[:4, :4] + np.diag(np.square(_MODEL_SIGMAS))
+    distance = max(1.0, float(np.linalg.norm(fit.axis.point)))
+    sigmas = _MODEL_SIGMAS * np.array([distance, distance, 1.0, 1.0])
+    covariance: Array = fit.covariance[:4, :4] + np.diag(np.square(sigmas))
     return 0.5 * (covariance + covariance.T)
 
 

@@ -31,6 +31,10 @@ DISTANCE = 6.0
 ANGLE = 0.12
 # A contour is called visible from this share of its length in view.
 VISIBLE_SHARE = 0.25
+# A contour may be in view where the axis is not: the view is widened by this share of the width.
+_BORDER = 0.5
+_REACH = 6.0
+_PIECES = 8
 _WIDTH = 4.0
 _FULL_COST = _WIDTH * _WIDTH / 6.0
 
@@ -103,22 +107,27 @@ class Support:
         return bits
 
 
-def contour_pieces(axis: Axis, radius: float, camera: Camera, reach: float) -> list[Array]:
+def contour_pieces(axis: Axis, radius: float, camera: Camera) -> list[Array]:
     """Project the two visible boundaries of a bent axis, piece by piece (4.1.2).
 
     Args:
         axis: the axis, left optical frame.
         radius: m.
         camera: the camera.
-        reach: m of the axis to each side of its origin that are projected.
 
     Returns:
         For the left and for the right contour (K, 4) x1 y1 x2 y2, px, clipped to the image; K is
         0 where it is out of view.
     """
-    straight = float(np.linalg.norm(axis.bend)) < 1e-9
-    knots = np.array([-reach, reach]) if straight else np.linspace(-reach, reach, 9)
     out: list[list[Array]] = [[], []]
+    view = clip_line_to_view(axis.point, axis.direction, camera, margin=-_BORDER * camera.width)
+    if view is None:
+        return [np.zeros((0, 4)), np.zeros((0, 4))]
+    # Towards the vanishing point the pipe is a point; there is no need to go there.
+    reach = _REACH * max(1.0, float(axis.point[2]))
+    bounds = np.clip(view, -reach, reach)
+    straight = float(np.linalg.norm(axis.bend)) < 1e-9
+    knots = bounds if straight else np.linspace(bounds[0], bounds[1], _PIECES + 1)
     for t0, t1 in pairwise(knots):
         middle = 0.5 * (t0 + t1)
         point, direction = axis.at(middle), axis.tangent(middle)
@@ -129,20 +138,14 @@ def contour_pieces(axis: Axis, radius: float, camera: Camera, reach: float) -> l
         for side, edge in enumerate(edges):
             # The section through the piece's own middle, not through the nearest point.
             start = edge + direction * float((point - edge) @ direction)
-            view = clip_line_to_view(start, direction, camera)
-            if view is None:
+            seen = clip_line_to_view(start, direction, camera)
+            if seen is None:
                 continue
-            low, high = max(view[0], -half), min(view[1], half)
+            low, high = max(seen[0], -half), min(seen[1], half)
             if low < high:
                 ends = camera.project(np.stack((start + low * direction, start + high * direction)))
                 out[side].append(ends.reshape(4))
     return [np.array(pieces).reshape(-1, 4) for pieces in out]
-
-
-def reach_of(axis: Axis, camera: Camera) -> float:
-    """Return how far to each side of its origin an axis can be in view, m."""
-    depth = max(1.0, float(axis.point[2]))
-    return 3.0 * depth * max(camera.width / camera.fx, camera.height / camera.fy, 1.0)
 
 
 def contour_support(
@@ -169,7 +172,7 @@ def contour_support(
     for number, camera in enumerate(frame.rig.cameras):
         scratch = np.empty(int(np.hypot(camera.width, camera.height)) + 4)
         scaled = max(distance * camera.width / REFERENCE_WIDTH, 2.5)
-        pieces = contour_pieces(axis, radius, camera, reach_of(axis, camera))
+        pieces = contour_pieces(axis, radius, camera)
         for side in (0, 1):
             total, length = 0.0, 0.0
             for piece in pieces[side]:
