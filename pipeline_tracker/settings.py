@@ -130,7 +130,7 @@ class VectorizationSettings(Section):
         1.2, "A broken line is split where it deviates by more", unit="px", gt=0.1, le=20
     )
     match_spacing: int = _setting(
-        32, "Grid of patches matched between the images, at 1200 px width", unit="px", ge=8, le=200
+        24, "Grid of patches matched between the images, at 1200 px width", unit="px", ge=8, le=200
     )
 
 
