@@ -1,0 +1,157 @@
+"""What pipe, bed and stones look like: colour and small relief by place on the surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pipeline_tracker.jit import compiled
+from pipeline_tracker.simulation.noise import fractal_noise, gradient_noise, spots
+
+Rgb = tuple[float, float, float]
+
+
+class PipeMaterial(NamedTuple):
+    """The pipe's surface; see ``PipeModel``."""
+
+    colour: Rgb
+    texture: float
+    growth: float
+    sediment: float
+    sediment_colour: Rgb
+    joint_spacing: float
+    circumference: float
+    seed: int
+
+
+class BedMaterial(NamedTuple):
+    """The bed's surface; see ``BedModel``."""
+
+    colour: Rgb
+    texture: float
+    seed: int
+
+
+class Surface(NamedTuple):
+    """Colour (share of light returned) and slopes of the small relief by the two coordinates."""
+
+    red: float
+    green: float
+    blue: float
+    slope_a: float
+    slope_b: float
+
+
+@compiled
+def _blend(low: float, high: float, value: float) -> float:
+    """Return 0 below ``low``, 1 above ``high``, smooth between."""
+    t = min(1.0, max(0.0, (value - low) / (high - low)))
+    return t * t * (3.0 - 2.0 * t)
+
+
+@compiled
+def _threshold(share: float) -> float:
+    """Return about the value that noise of rms 0.4 exceeds on a share of all places."""
+    return 0.7 * (1.0 - 2.0 * share)
+
+
+@compiled
+def pipe_surface(
+    along: float, around: float, upward: float, footprint: float, m: PipeMaterial
+) -> Surface:
+    """Return what the pipe looks like.
+
+    Args:
+        along: chainage, m.
+        around: way around the pipe from its top towards the right of travel, m.
+        upward: z of the surface's normal.
+        footprint: size of a pixel there, m.
+        m: the material.
+    """
+    around = around % m.circumference
+    cell = m.circumference / 9.0
+    mottle = fractal_noise(along, around, cell, 3, 0.6, footprint, 9, m.seed)
+    fine = fractal_noise(along, around, cell / 4.0, 5, 0.85, footprint, 36, m.seed + 11)
+    # Traces of handling, drawn out along the pipe.
+    trace = fractal_noise(along / 6.0, around, cell / 4.0, 3, 0.8, footprint, 36, m.seed + 23)[0]
+    light = 1.0 + m.texture * (0.6 * mottle[0] + 0.6 * fine[0] + 0.3 * trace)
+    # Barnacles.
+    cover, dx, dy, kind = spots(
+        along, around, m.circumference / 60.0, 0.25, footprint, 60, m.seed + 31
+    )
+    light *= 1.0 + m.texture * cover * (2.4 * kind - 0.7)
+    bump = 0.0025 * m.texture
+    slope_a = bump * fine[1] - 0.4 * cover * dx
+    slope_b = bump * fine[2] - 0.4 * cover * dy
+    # A field joint: a smoother, darker sleeve with a line at each border.
+    joint = abs((along / m.joint_spacing + 0.5) % 1.0 - 0.5) * m.joint_spacing
+    sleeve = 1.0 - _blend(0.16, 0.16 + 2.0 * footprint, joint)
+    line = 1.0 - _blend(0.006, 0.006 + 2.0 * footprint, abs(joint - 0.16))
+    light *= (1.0 - 0.18 * sleeve) * (1.0 - 0.4 * line)
+    red, green, blue = m.colour
+    # Growth in patches, darker and greener, and rust beside it.
+    patch = mottle[0] + 0.5 * fine[0]
+    edge = _threshold(m.growth)
+    grown = _blend(edge, edge + 0.35, patch) if m.growth > 0.0 else 0.0
+    light *= 1.0 - grown * (0.45 - 0.35 * fine[0])
+    green += 0.05 * grown * m.colour[1]
+    blue -= 0.30 * grown * m.colour[2]
+    # Sediment stays on what faces up.
+    dust = gradient_noise(along / 0.7, around / cell, 9, m.seed + 41)[0] + 0.6 * fine[0]
+    edge = _threshold(m.sediment)
+    dusted = _blend(edge, edge + 0.5, dust) * _blend(0.45, 0.95, upward)
+    dusted = 0.8 * dusted if m.sediment > 0.0 else 0.0
+    grain = 1.0 + 0.6 * m.texture * fine[0]
+    light = max(0.08, light) * (1.0 - dusted)
+    dusted *= grain
+    return Surface(
+        light * red + dusted * m.sediment_colour[0],
+        light * green + dusted * m.sediment_colour[1],
+        light * blue + dusted * m.sediment_colour[2],
+        slope_a,
+        slope_b,
+    )
+
+
+@compiled
+def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface:
+    """Return what the bed looks like at a place (m), with a pixel of the given size (m)."""
+    large = fractal_noise(x, y, 2.3, 4, 0.6, footprint, 0, m.seed)
+    fine = fractal_noise(x, y, 0.16, 6, 0.85, footprint, 0, m.seed + 13)
+    light = 1.0 + m.texture * (0.6 * large[0] + 0.6 * fine[0])
+    # Gravel in patches: stronger contrast at small scale.
+    gravel = gradient_noise(x / 1.4, y / 1.4, 0, m.seed + 29)[0] + 0.3 * large[0]
+    gravel = _blend(0.15, 0.5, gravel)
+    grit = fractal_noise(x, y, 0.05, 4, 0.9, footprint, 0, m.seed + 37)
+    light *= 1.0 + 1.1 * m.texture * gravel * grit[0]
+    slope_a = m.texture * (0.012 * fine[1] + 0.006 * gravel * grit[1])
+    slope_b = m.texture * (0.012 * fine[2] + 0.006 * gravel * grit[2])
+    for size, density, seed in ((0.11, 0.12, 43), (0.045, 0.10 + 0.3 * gravel, 47)):
+        cover, dx, dy, kind = spots(x, y, size, density, footprint, 0, m.seed + seed)
+        light *= 1.0 + m.texture * cover * (1.5 * kind - 0.9)
+        slope_a -= 0.5 * cover * dx
+        slope_b -= 0.5 * cover * dy
+    light = max(0.08, light)
+    # Films of algae.
+    film = 0.5 * _blend(
+        0.1, 0.6, gradient_noise(x / 0.9, y / 0.9, 0, m.seed + 53)[0] - 0.3 * fine[0]
+    )
+    return Surface(
+        light * m.colour[0] * (1.0 - 0.45 * film),
+        light * m.colour[1] * (1.0 - 0.15 * film),
+        light * m.colour[2] * (1.0 - 0.50 * film),
+        slope_a,
+        slope_b,
+    )
+
+
+@compiled
+def stone_surface(
+    x: float, y: float, z: float, brightness: float, footprint: float, m: BedMaterial
+) -> Surface:
+    """Return what a stone of the bed looks like at a place (m)."""
+    fine = fractal_noise(x + 0.7 * z, y - 0.6 * z, 0.06, 5, 0.85, footprint, 0, m.seed + 61)
+    light = brightness * max(0.1, 1.0 + m.texture * 0.9 * fine[0])
+    grey = 0.75 * (m.colour[0] + m.colour[1] + m.colour[2]) / 3.0
+    return Surface(
+        light * grey, light * grey * 1.02, light * grey * 0.96, 0.008 * fine[1], 0.008 * fine[2]
+    )

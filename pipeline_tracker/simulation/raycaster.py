@@ -1,0 +1,63 @@
+"""Embree behind a small typed class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.simulation.extra import embree_modules
+from pipeline_tracker.simulation.meshes import Mesh
+
+Float32Array = NDArray[np.float32]
+
+
+class Hits(NamedTuple):
+    """Nearest hits of N rays.
+
+    Attributes:
+        mesh: (N,) int32, number of the mesh, -1 where nothing was hit.
+        face: (N,) int32, number of the triangle.
+        u, v: (N,) float32, barycentric weights of the triangle's second and third vertex.
+        distance: (N,) float32, in lengths of the ray's direction.
+    """
+
+    mesh: NDArray[np.int32]
+    face: NDArray[np.int32]
+    u: Float32Array
+    v: Float32Array
+    distance: Float32Array
+
+
+class RayCaster:
+    """Casts rays at triangle meshes. May be used by several threads at once."""
+
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        """Build the scene.
+
+        Args:
+            meshes: what can be hit; ``Hits.mesh`` is the index in this sequence. None is empty.
+
+        Raises:
+            PipelineTrackerError: embreex is not installed.
+        """
+        scenes, construction = embree_modules()
+        self._scene: Any = scenes.EmbreeScene()
+        for mesh in meshes:
+            construction.TriangleMesh(self._scene, mesh.vertices, mesh.faces)
+        # The first query commits the scene; afterwards it is read only.
+        self.nearest(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def nearest(self, origins: Float32Array, directions: Float32Array) -> Hits:
+        """Return what rays (N, 3) hit first."""
+        result = self._scene.run(origins, directions, query="INTERSECT", output=1)
+        return Hits(result["geomID"], result["primID"], result["u"], result["v"], result["tfar"])
+
+    def blocked(self, origins: Float32Array, directions: Float32Array) -> NDArray[np.bool_]:
+        """Return whether anything is hit between ``origins`` and ``origins + directions``, (N,)."""
+        reach = np.ones(len(origins), np.float32)
+        result = self._scene.run(origins, directions, reach, query="OCCLUDED")
+        blocked: NDArray[np.bool_] = result >= 0
+        return blocked

@@ -1,0 +1,221 @@
+"""Ray tracing of one camera's image.
+
+A pixel of a smooth surface takes one ray, through its centre, with textures band-limited to the
+pixel. A pixel with a border in it (silhouette, occlusion) takes 16, spread evenly over its area:
+there the share of rays is the share of the area, and borders are true below the pixel. Near the
+border of a shadow 16 rays go to points spread over the lamp.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.simulation.light import Water, haze_of, lamps_of
+from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.scene import Scene
+from pipeline_tracker.simulation.shading import (
+    PIPE,
+    Eye,
+    Landed,
+    Lighting,
+    land,
+    shade,
+    shadow_rays,
+    sight_lines,
+)
+
+Array = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+# Rays of a pixel with a border in it. Each has a column and a row of its own (Hammersley's points),
+# so that an upright or level border is not rounded to a quarter of a pixel.
+_SAMPLES = 16
+_REVERSED = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15]
+_SUBPIXELS = (np.stack([np.arange(_SAMPLES), _REVERSED], axis=1) + 0.5) / _SAMPLES - 0.5
+# Rows of one task.
+_BAND = 48
+# Shadow rays start this far above the surface, m: the meshes are that coarse.
+_LIFT = 0.003
+# Neighbours whose ranges differ by more than this many pixel widths have a border between them.
+_STEP = 6.0
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """One camera's image before the sensor.
+
+    Attributes:
+        light: (H, W, 3) float32, red, green, blue.
+        coverage: (H, W) float32, share of the pixel's area that shows the pipe.
+        distance: (H, W) float32, m, along the ray through the pixel's centre; infinite for none.
+    """
+
+    light: Float32Array
+    coverage: Float32Array
+    distance: Float32Array
+
+
+class Renderer:
+    """Renders a scene from poses of the vehicle."""
+
+    def __init__(self, scenario: Scenario, scene: Scene, water: Water) -> None:
+        """Prepare what is the same for all frames."""
+        self._scene = scene
+        self._water = water
+        self._lamps = lamps_of(scenario.lamps)
+        self._cameras = scenario.camera.rig().cameras
+        left = scenario.camera.mounting()
+        self._mountings = [left @ Pose(np.eye(3), camera.centre) for camera in self._cameras]
+        self._hazes = [
+            haze_of(camera, self._lamps.moved(mounting.inverse()), water)
+            for camera, mounting in zip(self._cameras, self._mountings, strict=True)
+        ]
+        self._threads = max(1, min(os.cpu_count() or 1, 16))
+
+    def render(self, base: Pose, index: int) -> Rendering:
+        """Render the image of one camera.
+
+        Args:
+            base: world <- base_link.
+            index: 0 left camera, 1 right camera.
+        """
+        camera, pose = self._cameras[index], base @ self._mountings[index]
+        lighting = Lighting(self._lamps.moved(base), self._water, self._hazes[index])
+        view = _View(self._scene, lighting, camera, pose)
+        # Bands don't depend on each other: the image is the same with any number of threads.
+        with ThreadPoolExecutor(self._threads) as pool:
+            bands = list(pool.map(view.band, range(0, camera.height, _BAND)))
+        return Rendering(*(np.concatenate(parts) for parts in zip(*bands, strict=True)))
+
+
+class _View:
+    """One camera at one place."""
+
+    def __init__(self, scene: Scene, lighting: Lighting, camera: Camera, pose: Pose) -> None:
+        self._scene, self._lighting, self._lamps = scene, lighting, lighting.lamps
+        self._camera, self._pose = camera, pose
+        self._eye = Eye(pose.translation, 1.0 / camera.fx)
+        # Softer shadows reach further over their border: the widest penumbra of a pipe's shadow.
+        widest = 0.3 * float(self._lamps.radius.max()) / 2.0 * camera.fx
+        self._soft = int(np.clip(np.ceil(widest), 1, 8))
+
+    def band(self, first: int) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Render rows from ``first`` on: light, coverage and distance."""
+        camera, margin = self._camera, self._soft + 1
+        last = min(first + _BAND, camera.height)
+        top, bottom = max(first - margin, 0), min(last + margin, camera.height)
+        shape = (bottom - top, camera.width)
+        columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(top, bottom))
+        pixels = np.stack((columns.ravel(), rows.ravel()), axis=1).astype(np.float64)
+        landed = self._look(pixels)
+        lit = self._lit(landed, self._lamps.position)
+        border = _borders(landed, shape, self._eye.pixel)
+        fringe = _fringes(lit, shape, self._soft) & ~border
+        own = slice(first - top, last - top)
+        inside = np.zeros(shape, bool)
+        inside[own] = True
+        soft, plain, mixed = (np.flatnonzero(inside & mask) for mask in (fringe, ~border, border))
+        lit[soft] = self._softly_lit(_part(landed, soft))
+        light = np.empty((len(pixels), 3), np.float32)
+        coverage = (landed.kind == PIPE).astype(np.float32)
+        light[plain] = self._shade(_part(landed, plain), lit[plain], pixels[plain])
+        light[mixed], coverage[mixed] = self._refine(pixels[mixed])
+        return (
+            light.reshape(*shape, 3)[own],
+            coverage.reshape(shape)[own],
+            landed.distance.reshape(shape)[own].astype(np.float32),
+        )
+
+    def _look(self, pixels: Array) -> Landed:
+        """Cast rays through pixels (N, 2)."""
+        scene = self._scene
+        rays = sight_lines(pixels, self._camera.matrix, self._pose.rotation)
+        origins = np.tile(self._pose.translation.astype(np.float32), (len(rays), 1))
+        hits = scene.caster.nearest(origins, rays)
+        return land(hits, self._pose.translation, rays, scene.solids)
+
+    def _lit(self, landed: Landed, lamps: Array) -> Float32Array:
+        """Tell which places are lit by which of the lamps at (L, 3): (N, L), 0 or 1."""
+        lit = np.empty((len(landed.kind), len(lamps)), np.float32)
+        for k, lamp in enumerate(lamps):
+            lit[:, k] = ~self._scene.caster.blocked(*shadow_rays(landed, lamp, _LIFT))
+        return lit
+
+    def _softly_lit(self, landed: Landed) -> Float32Array:
+        """Tell which share of each lamp's disc the places see: (N, L), 0 to 1."""
+        lit = np.zeros((len(landed.kind), len(self._lamps.position)), np.float32)
+        for n in range(_SAMPLES):
+            lit += self._lit(landed, self._lamps.position + self._lamp_shift(n))
+        return lit / np.float32(_SAMPLES)
+
+    def _shade(self, landed: Landed, lit: Float32Array, pixels: Array) -> Float32Array:
+        shares = (pixels + 0.5) / [self._camera.width, self._camera.height]
+        scene = self._scene
+        return shade(
+            landed,
+            lit,
+            shares.astype(np.float32),
+            self._eye,
+            self._lighting,
+            scene.solids.tube,
+            scene.materials,
+        )
+
+    def _refine(self, pixels: Array) -> tuple[Float32Array, Float32Array]:
+        """Take several rays through each of the pixels (N, 2): light (N, 3), coverage (N,)."""
+        light = np.zeros((len(pixels), 3), np.float32)
+        coverage = np.zeros(len(pixels), np.float32)
+        for n in range(_SAMPLES):
+            moved = pixels + _SUBPIXELS[n]
+            landed = self._look(moved)
+            lit = self._lit(landed, self._lamps.position + self._lamp_shift(n))
+            light += self._shade(landed, lit, moved)
+            coverage += landed.kind == PIPE
+        return light / np.float32(_SAMPLES), coverage / np.float32(_SAMPLES)
+
+    def _lamp_shift(self, n: int) -> Array:
+        """Return the n-th of the points spread over each lamp's disc, from its middle, (L, 3)."""
+        # A spiral of equal areas; neighbouring rays of a pixel take distant points.
+        k = (5 * n) % _SAMPLES
+        reach, angle = np.sqrt((k + 0.5) / _SAMPLES), k * 2.399963
+        across = np.cross(self._lamps.direction, [0.1, 0.9, 0.3])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        other = np.cross(self._lamps.direction, across)
+        shift: Array = np.cos(angle) * across + np.sin(angle) * other
+        shift *= reach * self._lamps.radius[:, None]
+        return shift
+
+
+def _part(landed: Landed, chosen: NDArray[np.intp]) -> Landed:
+    kind, place, normal, local, distance = landed
+    return Landed(kind[chosen], place[chosen], normal[chosen], local[chosen], distance[chosen])
+
+
+def _borders(landed: Landed, shape: tuple[int, int], angle: float) -> Mask:
+    """Find pixels with the border of a thing in them, or with one thing before another, (H, W)."""
+    kind = landed.kind.reshape(shape).view(np.uint8)
+    near = np.ones((3, 3), np.uint8)
+    distance = np.minimum(landed.distance, 1e3).reshape(shape)
+    step = cv2.dilate(distance, near) - cv2.erode(distance, near)
+    border: Mask = cv2.dilate(kind, near) != cv2.erode(kind, near)
+    border |= step > _STEP * angle * distance
+    return border
+
+
+def _fringes(lit: Float32Array, shape: tuple[int, int], reach: int) -> Mask:
+    """Find pixels with the border of a shadow at most ``reach`` pixels away, (H, W)."""
+    fringe = np.zeros(shape, bool)
+    near = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    for k in range(lit.shape[1]):
+        lamp = lit[:, k].reshape(shape).astype(np.uint8)
+        fringe |= cv2.dilate(lamp, near) != cv2.erode(lamp, near)
+    return fringe

@@ -1,0 +1,123 @@
+"""A scenario's scene: the pipe, the bed and the stones, and what the renderer needs of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.simulation.axis import PipeAxis
+from pipeline_tracker.simulation.bed import Bed, Bounds, scatter_stones
+from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
+from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
+from pipeline_tracker.simulation.raycaster import RayCaster
+from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.shading import Ground, Materials, Solids, StoneData, Tube
+
+Array = NDArray[np.float64]
+
+# Rays nearer to the horizon than this see no bed within this reach, m.
+_FARTHEST = 12.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that does not move.
+
+    Attributes:
+        axis: the pipe's axis, the truth.
+        bed: the height field.
+        caster: casts rays at pipe, bed and stones (in this order of meshes).
+        solids: the same for shading.
+        materials: what they look like.
+    """
+
+    axis: PipeAxis
+    bed: Bed
+    caster: RayCaster
+    solids: Solids
+    materials: Materials
+
+
+def view_reach(scenario: Scenario) -> float:
+    """Return how far ahead of the vehicle or aside the cameras may see the bed, m."""
+    camera, path = scenario.camera, scenario.path
+    left = camera.rig().left
+    corners = np.array(
+        [[x, y] for x in (0, left.width / 2, left.width) for y in (0, left.height)], float
+    )
+    rays = camera.mounting().rotate(left.rays(corners))
+    sway = np.deg2rad(path.pitch_sway_deg + path.roll_sway_deg)
+    depression = np.arctan2(-rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])) - sway
+    height = path.distance + path.distance_sway + scenario.pipe.diameter + scenario.bed.relief
+    nearest = np.arctan2(height, _FARTHEST)
+    reach = height / np.tan(np.maximum(depression, nearest))
+    mount = float(np.hypot(camera.translation[0], camera.translation[1])) + camera.baseline
+    return float(reach.max()) + mount + 0.5
+
+
+def draw_axis(scenario: Scenario, rng: np.random.Generator) -> PipeAxis:
+    """Draw the pipe's axis, longer at both ends than the cameras can see."""
+    margin = 1.15 * view_reach(scenario) + 2.0 + 2.0 * scenario.path.speed
+    return PipeAxis.draw(scenario.pipe, -margin, scenario.way + margin, rng)
+
+
+def build_scene(scenario: Scenario, axis: PipeAxis, rng: np.random.Generator) -> Scene:
+    """Build the scene around a pipe.
+
+    Args:
+        scenario: the scenario.
+        axis: from ``draw_axis``.
+        rng: random numbers for bed, stones and textures.
+
+    Raises:
+        SettingsError: the bed's resolution is too fine for its size.
+        PipelineTrackerError: the extra ``[sim]`` is not installed.
+    """
+    bounds = _bounds(scenario, axis)
+    bed = Bed.draw(scenario.bed, axis, bounds, rng)
+    stones = scatter_stones(scenario.bed, axis, bed, bounds, rng)
+    mesh, frames = tube_mesh(axis)
+    meshes = [mesh, bed.mesh()]
+    if len(stones.mesh.faces):
+        meshes.append(stones.mesh)
+    tube = Tube(
+        frames.start,
+        frames.step,
+        TUBE_FACETS,
+        axis.radius,
+        frames.centre,
+        frames.right,
+        frames.up,
+    )
+    ground = Ground(bed.x0, bed.y0, bed.resolution, bed.slopes())
+    data = StoneData(stones.mesh.faces, stones.normals, stones.brightness)
+    return Scene(
+        axis, bed, RayCaster(meshes), Solids(tube, ground, data), _materials(scenario, rng)
+    )
+
+
+def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
+    pipe, bed, seeds = scenario.pipe, scenario.bed, rng.integers(1 << 30, size=2)
+    return Materials(
+        PipeMaterial(
+            pipe.colour,
+            pipe.texture,
+            pipe.growth,
+            pipe.sediment,
+            bed.colour,
+            pipe.joint_spacing,
+            np.pi * pipe.diameter,
+            int(seeds[0]),
+        ),
+        BedMaterial(bed.colour, bed.texture, int(seeds[1])),
+    )
+
+
+def _bounds(scenario: Scenario, axis: PipeAxis) -> Bounds:
+    path, reach = scenario.path, view_reach(scenario)
+    margin = reach + max(abs(path.lateral_start), abs(path.lateral_end)) + path.lateral_sway
+    way = axis.points(np.linspace(-path.speed, scenario.way + path.speed, 200))
+    low, high = way.min(axis=0) - margin, way.max(axis=0) + margin
+    return Bounds(float(low[0]), float(high[0]), float(low[1]), float(high[1]))

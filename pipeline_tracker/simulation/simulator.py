@@ -1,0 +1,250 @@
+"""From a scenario to a bag."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from scipy.spatial.transform import Rotation
+
+from pipeline_tracker.bags.typestore import BagMessages
+from pipeline_tracker.errors import SettingsError
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.simulation.axis import PipeAxis
+from pipeline_tracker.simulation.light import lamps_of, reference_light, water_of
+from pipeline_tracker.simulation.motion import Motion, VnmTrack, vnm_track
+from pipeline_tracker.simulation.recording import fresh_bag, write_bag
+from pipeline_tracker.simulation.records import Messages, Record
+from pipeline_tracker.simulation.renderer import Renderer
+from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.scenario_files import dump_scenario, load_scenario
+from pipeline_tracker.simulation.scene import Scene, build_scene, draw_axis
+from pipeline_tracker.simulation.sensor import Sensor
+from pipeline_tracker.simulation.truth import frame_contours, stretch_in_view
+
+Array = NDArray[np.float64]
+
+# The first pair's stamp: a fixed time, so that a bag depends on scenario and seed alone.
+FIRST_STAMP_NS = 1_750_000_000_000_000_000
+_CLEARANCE = 0.05
+
+
+@dataclass(frozen=True)
+class Sea:
+    """A scenario's scene with a vehicle in it.
+
+    Attributes:
+        scenario: what it was made from.
+        scene: pipe, bed and stones.
+        motion: the vehicle's true motion; time 0 is the first pair's.
+        renderer, sensor: make its images.
+    """
+
+    scenario: Scenario
+    scene: Scene
+    motion: Motion
+    renderer: Renderer
+    sensor: Sensor
+
+    def times(self) -> Array:
+        """Return the pairs' times, s after the first."""
+        return _pair_times(self.scenario)
+
+    def mountings(self) -> tuple[Pose, ...]:
+        """Return base_link <- optical frame of each camera."""
+        left = self.scenario.camera.mounting()
+        cameras = self.scenario.camera.rig().cameras
+        return tuple(left @ Pose(np.eye(3), camera.centre) for camera in cameras)
+
+
+def build_sea(scenario: Scenario) -> Sea:
+    """Build a scenario's sea.
+
+    Raises:
+        SettingsError: a camera or a lamp would be inside the pipe or below the bed.
+        PipelineTrackerError: the extra ``[sim]`` is not installed.
+    """
+    shape, path, ground = (_random(scenario, name) for name in ("axis", "motion", "scene"))
+    axis = draw_axis(scenario, shape)
+    motion = Motion.draw(scenario, axis, path)
+    _check_clear_of_pipe(scenario, axis, motion)
+    scene = build_scene(scenario, axis, ground)
+    _check_above_bed(scenario, scene, motion)
+    lamps = lamps_of(scenario.lamps)
+    reference = reference_light(scenario, lamps)
+    renderer = Renderer(scenario, scene, water_of(scenario, reference))
+    return Sea(scenario, scene, motion, renderer, Sensor.of(scenario, reference))
+
+
+def simulate(
+    scenario: str | Path,
+    output: Path,
+    overrides: Sequence[str] = (),
+    seed: int | None = None,
+    progress: bool = True,
+) -> Path:
+    """Make a bag with images, calibration, poses and truth.
+
+    The same scenario and seed give the same bytes.
+
+    Args:
+        scenario: name of a scenario that comes with the package, or path of a YAML file.
+        output: directory of the bag, new or empty; its name becomes the bag's.
+        overrides: ``key=value`` each, key dotted, value YAML.
+        seed: wins over the scenario's.
+        progress: show a bar on stderr, or lines where that is no terminal.
+
+    Returns:
+        The directory of the bag.
+
+    Raises:
+        SettingsError: the scenario is unknown, or a value of it impossible.
+        BagError: ``output`` is not empty or cannot be written.
+        PipelineTrackerError: the extra ``[sim]`` is not installed.
+    """
+    loaded = load_scenario(scenario, overrides, seed)
+    output = Path(output)
+    with fresh_bag(output) as path:
+        sea = build_sea(loaded)
+        factory = BagMessages()
+        records = heapq.merge(
+            _frames(sea, Messages(factory), progress),
+            _navigation(sea, Messages(factory)),
+            key=lambda record: record.stamp,
+        )
+        write_bag(path, factory, records)
+    return output
+
+
+def _random(scenario: Scenario, name: str, *index: int) -> np.random.Generator:
+    # One stream for each purpose: more frames, say, don't change the bed.
+    purpose = int.from_bytes(name.encode(), "big")
+    return np.random.default_rng([scenario.seed, purpose, *index])
+
+
+def _pair_times(scenario: Scenario) -> Array:
+    return scenario.path.period * np.arange(scenario.frames, dtype=np.float64)
+
+
+def _carried(scenario: Scenario) -> Iterator[tuple[str, Array]]:
+    """Yield what must stay in the water, with its place in base_link."""
+    mounting = scenario.camera.mounting()
+    for name, camera in zip(("left", "right"), scenario.camera.rig().cameras, strict=True):
+        yield f"the {name} camera", mounting.apply(camera.centre)
+    for index, lamp in enumerate(scenario.lamps):
+        yield f"lamps.{index}", np.array(lamp.position)
+
+
+def _check_clear_of_pipe(scenario: Scenario, axis: PipeAxis, motion: Motion) -> None:
+    for time in _pair_times(scenario):
+        pose = motion.pose(float(time))
+        for name, mounted in _carried(scenario):
+            place = pose.apply(mounted)
+            s, _ = axis.nearest(place)
+            clear = float(np.linalg.norm(place - axis.points(s))) - axis.radius
+            if clear < _CLEARANCE:
+                raise SettingsError(
+                    f"at {time:g} s {name} is {clear:.2f} m from the pipe's surface, expected at "
+                    f"least {_CLEARANCE:g} m outside it; change path.distance="
+                    f"{scenario.path.distance:g}, path.distance_sway or its mounting"
+                )
+
+
+def _check_above_bed(scenario: Scenario, scene: Scene, motion: Motion) -> None:
+    for time in _pair_times(scenario):
+        pose = motion.pose(float(time))
+        for name, mounted in _carried(scenario):
+            place = pose.apply(mounted)
+            height = float(place[2] - scene.bed.height_at(place[None])[0])
+            if height < _CLEARANCE:
+                where = f"{height:.2f} m above" if height > 0.0 else f"{-height:.2f} m below"
+                raise SettingsError(
+                    f"at {time:g} s {name} is {where} the bed, expected at least {_CLEARANCE:g} m "
+                    f"above it; change path.distance={scenario.path.distance:g}, "
+                    "path.distance_sway, bed.burial, bed.drifts or its mounting"
+                )
+
+
+def _frames(sea: Sea, messages: Messages, progress: bool) -> Iterator[Record]:
+    """Yield the records of all pairs, image by image."""
+    columns = (
+        TextColumn("rendering"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("pairs"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not progress) as bar:
+        task = bar.add_task("", total=sea.scenario.frames)
+        for index, time in enumerate(sea.times()):
+            yield from _frame(sea, messages, index, float(time))
+            bar.advance(task)
+
+
+def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Record]:
+    base = sea.motion.pose(time)
+    axis, cameras = sea.scene.axis, sea.scenario.camera.rig().cameras
+    poses = tuple(base @ mounting for mounting in sea.mountings())
+    stamp = FIRST_STAMP_NS + round(time * 1e9)
+    for n, camera in enumerate(cameras):
+        light = sea.renderer.render(base, n).light
+        image = sea.sensor.expose(light, _random(sea.scenario, "noise", index, n))
+        yield messages.camera_info(stamp, n, camera)
+        yield messages.image(stamp, n, image, sea.scenario.camera.jpeg_quality)
+    yield messages.true_pose(stamp, base)
+    s = stretch_in_view(axis, cameras, poses)
+    yield messages.centerline(stamp, axis.points(s), axis.tangents(s))
+    for n, (camera, pose) in enumerate(zip(cameras, poses, strict=True)):
+        contours = frame_contours(axis, sea.scene.caster, camera, pose, s)
+        yield messages.contours(stamp, n, contours)
+
+
+def _navigation(sea: Sea, messages: Messages) -> Iterator[Record]:
+    """Yield what comes at the navigation's rate, and what is latched before it."""
+    scenario, rng = sea.scenario, _random(sea.scenario, "sensors")
+    track = vnm_track(sea.motion, scenario, _random(scenario, "vnm"))
+    first = FIRST_STAMP_NS + int(track.stamps[0])
+    yield messages.mountings(first, sea.mountings())
+    yield messages.scenario(first, dump_scenario(scenario))
+    sensors, tilt = scenario.sensors, np.deg2rad(scenario.sensors.attitude_noise_deg)
+    for n, (offset, pose) in enumerate(zip(track.stamps, track.poses, strict=True)):
+        stamp, true = FIRST_STAMP_NS + int(offset), sea.motion.pose(float(offset) * 1e-9)
+        yield from messages.navigation(stamp, pose, _twist(track, n))
+        distance = _altitude(sea.scene, true) + sensors.altimeter_noise * rng.standard_normal()
+        yield messages.altimeter(stamp, float(distance), sensors.altimeter_noise)
+        roll, pitch, _ = Rotation.from_matrix(true.rotation).as_euler("xyz")
+        yaw = Rotation.from_matrix(pose.rotation).as_euler("xyz")[2]
+        noisy = np.array([roll, pitch, yaw]) + tilt * np.append(rng.standard_normal(2), 0.0)
+        yield messages.attitude(stamp, Pose.from_rpy(np.zeros(3), noisy), tilt)
+
+
+def _twist(track: VnmTrack, n: int) -> tuple[Array, Array]:
+    """Return the velocities in base_link at pose n, m/s and rad/s, from its neighbours."""
+    a, b = max(n - 1, 0), min(n + 1, len(track.poses) - 1)
+    seconds = float(track.stamps[b] - track.stamps[a]) * 1e-9
+    way = track.poses[b].translation - track.poses[a].translation
+    turn = track.poses[a].rotation.T @ track.poses[b].rotation
+    angular: Array = Rotation.from_matrix(turn).as_rotvec() / seconds
+    return track.poses[n].rotation.T @ way / seconds, angular
+
+
+def _altitude(scene: Scene, base: Pose) -> float:
+    """Return the distance from base_link straight down its own z axis to what is hit first, m."""
+    down = -base.rotation[:, 2]
+    origin = base.translation.astype(np.float32)[None]
+    return float(scene.caster.nearest(origin, down.astype(np.float32)[None]).distance[0])
