@@ -33,7 +33,7 @@ ANGLE = 0.12
 VISIBLE_SHARE = 0.25
 # A contour may be in view where the axis is not: the view is widened by this share of the width.
 _BORDER = 0.5
-_REACH = 6.0
+REACH = 6.0
 _PIECES = 8
 _WIDTH = 4.0
 _FULL_COST = _WIDTH * _WIDTH / 6.0
@@ -124,7 +124,7 @@ def contour_pieces(axis: Axis, radius: float, camera: Camera) -> list[Array]:
     if view is None:
         return [np.zeros((0, 4)), np.zeros((0, 4))]
     # Towards the vanishing point the pipe is a point; there is no need to go there.
-    reach = _REACH * max(1.0, float(axis.point[2]))
+    reach = REACH * max(1.0, float(axis.point[2]))
     bounds = np.clip(view, -reach, reach)
     straight = float(np.linalg.norm(axis.bend)) < 1e-9
     knots = bounds if straight else np.linspace(bounds[0], bounds[1], _PIECES + 1)

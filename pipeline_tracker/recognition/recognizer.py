@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipe_segment import SegmentMaker, published_covariance
 from pipeline_tracker.recognition.closed_form import solve_by_technique
@@ -16,7 +17,7 @@ from pipeline_tracker.recognition.contours import contour_candidates, pair_hypot
 from pipeline_tracker.recognition.surface_vote import vote_for_cylinders
 from pipeline_tracker.refinement import refine
 from pipeline_tracker.settings import Settings
-from pipeline_tracker.support import Support, contour_support, judge
+from pipeline_tracker.support import Support, judge
 from pipeline_tracker.surface import SurfacePoints, triangulate
 from pipeline_tracker.types import Mode, PipeSegment, VectorizedStereo
 
@@ -97,13 +98,10 @@ class Recognizer:
     def _starts(self, frame: VectorizedStereo, surface: SurfacePoints) -> list[tuple[Axis, bool]]:
         """Hypotheses along the vehicle's x axis, with whether they come from contours."""
         votes = vote_for_cylinders(surface, self._radius)[:_REFINED]
-        rated = [
-            (sum(c.contribution for c in contour_support(frame, axis, self._radius)), axis)
-            for axis in self._contour_axes(frame)
-        ]
-        rated.sort(key=lambda entry: -entry[0])
+        axes = self._contour_axes(frame)
+        order = np.argsort(-vote(frame, axes, self._radius), kind="stable")
         chosen: list[Axis] = []
-        for _, axis in rated:
+        for axis in (axes[k] for k in order):
             if not any(_alike(axis, other, self._radius) for other in chosen):
                 chosen.append(axis)
             if len(chosen) == _REFINED:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, across
+from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.evidence import contour_rays
-from pipeline_tracker.support import contour_support
 from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]
@@ -37,25 +37,21 @@ def best_candidate(
     """
     near = _nearby(frame, Axis.straight(start, direction), radius)
     best = Axis.straight(start, direction)
-    most = _total(near, best, radius)
+    most = float(vote(near, [best], radius)[0])
     for half, step in _ROUNDS:
         centre = best.direction
         left, up = across(centre, vertical)
-        steps = np.arange(-half, half + 0.5 * step, step)
-        for heading in steps:
-            for pitch in steps:
-                ray = centre + np.tan(heading) * left + np.tan(pitch) * up
-                axis = Axis.straight(start, ray)
-                total = _total(near, axis, radius)
-                if total > most:
-                    best, most = axis, total
+        steps = np.tan(np.arange(-half, half + 0.5 * step, step))
+        axes = [
+            Axis.straight(start, centre + heading * left + pitch * up)
+            for heading in steps
+            for pitch in steps
+        ]
+        votes = vote(near, axes, radius)
+        winner = int(np.argmax(votes))
+        if votes[winner] > most:
+            best, most = axes[winner], float(votes[winner])
     return best, most
-
-
-def _total(frame: VectorizedStereo, axis: Axis, radius: float) -> float:
-    if axis.point[2] <= radius:
-        return 0.0
-    return sum(contour.contribution for contour in contour_support(frame, axis, radius))
 
 
 def _nearby(frame: VectorizedStereo, axis: Axis, radius: float) -> VectorizedStereo:

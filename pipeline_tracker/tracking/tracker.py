@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.travel import TravelDirection
 from pipeline_tracker.pipe_segment import (
@@ -234,10 +235,7 @@ class Tracker:
         winner, votes = best_candidate(
             frame, axis.point, axis.direction, self._settings.radius, vertical
         )
-        support = judge(
-            frame, triangulate(frame.matches[:0], frame.rig), axis, self._settings.radius
-        )
-        if votes > _BETTER_VOTE * support.contribution:
+        if votes > _BETTER_VOTE * float(vote(frame, [axis], self._settings.radius)[0]):
             return [axis, winner]
         return [axis]
 
