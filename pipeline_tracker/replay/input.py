@@ -60,6 +60,7 @@ class InputCounts:
 
     poses: int = 0
     unused_poses: Counter[str] = field(default_factory=Counter)
+    first_invalid_pose: str = ""
     unreadable: Counter[str] = field(default_factory=Counter)
     alone: Counter[str] = field(default_factory=Counter)
 
@@ -173,7 +174,8 @@ class ReplayInput:
         try:
             stamp, pose = messages.pose_from_message(record.unpack())
         except (BagError, ValueError) as error:
-            self.counts.unused_poses[str(error)] += 1
+            self.counts.unused_poses["invalid"] += 1
+            self.counts.first_invalid_pose = self.counts.first_invalid_pose or str(error)
             return
         yield from self._step_back("pose", stamp, poses)
         if poses.add(stamp, pose):

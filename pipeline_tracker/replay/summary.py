@@ -12,7 +12,7 @@ from pipeline_tracker.settings import Settings
 
 # So many stretches without the pipe, and reasons, are told one by one.
 _SHOWN = 5
-_MOST_REASONS = 200
+_MOST_REASONS = 50
 _IN_WORDS = {
     "no_right_image": "no right image within sync.tolerance",
     "no_left_image": "no left image within sync.tolerance",
@@ -46,7 +46,6 @@ class ReplaySummary:
     lost: int = 0
     states: Counter[str] = field(default_factory=Counter)
     modes: Counter[str] = field(default_factory=Counter)
-    reasons: Counter[str] = field(default_factory=Counter)
     stretches: list[Stretch] = field(default_factory=list)
     further_stretches: int = 0
     distance_along: float = 0.0
@@ -81,8 +80,6 @@ class ReplaySummary:
                 self._follow(float(row["chainage"]))
             return
         reason = row.get("reason", "") or "no reason given"
-        if reason in self.reasons or len(self.reasons) < _MOST_REASONS:
-            self.reasons[reason] += 1
         self._miss(stamp, reason)
 
     def _follow(self, chainage: float) -> None:
@@ -98,7 +95,9 @@ class ReplaySummary:
             else:
                 self.further_stretches += 1
         self._open.last, self._open.end_ns = self.frames, stamp
-        self._open.reasons[reason] += 1
+        reasons = self._open.reasons
+        if reason in reasons or len(reasons) < _MOST_REASONS:
+            reasons[reason] += 1
 
     def in_words(
         self,
@@ -217,7 +216,9 @@ def _about_input(counts: InputCounts) -> list[str]:
         why = ", ".join(f"{n} {_reason(reason)}" for reason, n in counts.alone.most_common())
         lines.append(f"{_count(sum(counts.alone.values()), 'image')} without a partner: {why}")
     if counts.unused_poses:
-        why = ", ".join(f"{n} {reason}" for reason, n in counts.unused_poses.most_common(3))
+        why = ", ".join(f"{n} {reason}" for reason, n in counts.unused_poses.most_common())
+        if counts.first_invalid_pose:
+            why += f" (the first: {counts.first_invalid_pose})"
         lines.append(f"{_count(sum(counts.unused_poses.values()), 'pose')} not used: {why}")
     for topic, n in counts.unreadable.most_common(_SHOWN):
         lines.append(f"{_count(n, 'message')} of {topic} could not be read")

@@ -64,7 +64,7 @@ class Sea:
     image_topic: str = "/stereo/{side}/image_rect"
     info_topic: str = "/stereo/{side}/camera_info"
     level: Callable[[int], int] = field(default=lambda i: 150 + i % 50)
-    shift: Callable[[int], int] = field(default=lambda i: i)
+    size: tuple[int, int] = (WIDTH, HEIGHT)
 
     def stamp(self, index: int) -> int:
         """Stamp of frame ``index``, ns."""
@@ -85,7 +85,7 @@ class Sea:
     def image(self, side: str, index: int, stamp: int | None = None) -> Item:
         """Return an image message of a camera."""
         stamp = self.stamp(index) if stamp is None else stamp
-        pixels = picture(self.level(index))
+        pixels = picture(self.level(index), self.size)
         topic = self.image_topic.format(side=side)
         if self.encoding in ("jpeg", "png"):
             message = compressed_image(stamp, pixels, self.encoding)
@@ -95,6 +95,7 @@ class Sea:
     def info(self, side: str, index: int, camera: Camera | None = None) -> Item:
         """Return a camera info."""
         camera = camera or (RIGHT if side == "right" else LEFT)
+        camera = replace(camera, width=self.size[0], height=self.size[1])
         stamp = self.stamp(index)
         message = messages.camera_info_message(FACTORY, camera, stamp, FRAME)
         return Item(self.info_topic.format(side=side), TYPES["info"], stamp, message)
@@ -105,9 +106,11 @@ class Sea:
         return pose_item(self.pose_topic, self.pose, stamp, pose)
 
 
-def picture(level: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def picture(
+    level: int, size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> np.ndarray[Any, np.dtype[np.uint8]]:
     """Return a grey image with some texture."""
-    noise = np.random.default_rng(level).integers(0, 20, (HEIGHT, WIDTH))
+    noise = np.random.default_rng(level).integers(0, 20, size[::-1])
     return np.clip(noise + level - 10, 0, 255).astype(np.uint8)
 
 
