@@ -186,7 +186,9 @@ def run_command(arguments: Sequence[str]) -> int:
         task = command.main(
             _guard_ros_args(arguments), prog_name="pipeline-tracker", standalone_mode=False
         )
-        return task() if callable(task) else int(task or DONE)
+        code = task() if callable(task) else int(task or DONE)
+        sys.stdout.flush()
+        return code
     except (PipelineTrackerError, _UsageError) as error:
         return _refuse(str(error))
     except KeyboardInterrupt:
