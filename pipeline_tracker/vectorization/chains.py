@@ -237,6 +237,12 @@ def trace_segments(
             for k in range(corners - 1):
                 if _fit(points, breaks[k], breaks[k + 1], one) < min_length:
                     continue
+                # A chain may have set out the wrong way where an edge begins; the gradient tells.
+                middle = (breaks[k] + breaks[k + 1]) // 2
+                x = int(np.rint(points[middle, 0]))
+                y = int(np.rint(points[middle, 1]))
+                if (one[2] - one[0]) * dy[y, x] < (one[3] - one[1]) * dx[y, x]:
+                    one[0], one[1], one[2], one[3] = one[2], one[3], one[0], one[1]
                 if found == capacity:
                     capacity *= 2
                     grown = np.empty((capacity, 4), np.float32)

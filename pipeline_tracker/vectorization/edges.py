@@ -25,7 +25,10 @@ def gradient_magnitude(dx: NDArray[np.int16], dy: NDArray[np.int16]) -> Float32A
 
 @compiled
 def magnitude_quantile(magnitude: Float32Array, share: float, step: int) -> float:
-    """Return the value below which ``share`` of the magnitudes lie, by every ``step``-th pixel."""
+    """Return the value below which ``share`` of the magnitudes lie, by every ``step``-th pixel.
+
+    Rounded down to a whole number, so that it is never above all magnitudes.
+    """
     bins = np.zeros(2048, np.int64)
     count = 0
     height, width = magnitude.shape
@@ -39,8 +42,8 @@ def magnitude_quantile(magnitude: Float32Array, share: float, step: int) -> floa
     for value in range(2048):
         total += bins[value]
         if total >= wanted:
-            return value + 1.0
-    return 2048.0
+            return float(value)
+    return 2047.0
 
 
 @compiled

@@ -55,10 +55,15 @@ def extract_segments(image: Image, tolerance: float, min_length: float) -> Float
 
 
 def shrink(image: Image, factor: int) -> Image:
-    """Shrink an image by a whole factor, averaging; rows and columns left over are dropped."""
+    """Shrink an image by a whole factor, averaging; rows and columns left over are dropped.
+
+    A smaller image than the factor leaves nothing: a side of 0.
+    """
     if factor == 1:
         return image
     height, width = image.shape[0] // factor, image.shape[1] // factor
+    if height == 0 or width == 0:
+        return np.zeros((height, width), np.uint8)
     part = image[: height * factor, : width * factor]
     return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -114,6 +114,4 @@ def _working_factor(width: int) -> int:
 
 def thumbnail(image: Image) -> Image:
     """Shrink an image to an eighth of each side, rounded down, averaging; uint8."""
-    if min(image.shape) < _THUMBNAIL:
-        return np.zeros((image.shape[0] // _THUMBNAIL, image.shape[1] // _THUMBNAIL), np.uint8)
-    return np.asarray(shrink(image, _THUMBNAIL), np.uint8)
+    return shrink(image, _THUMBNAIL)

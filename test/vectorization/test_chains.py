@@ -1,0 +1,154 @@
+"""Splitting and fitting of chains against slow plain references."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pipeline_tracker.vectorization.chains import _fit, _split, trace_segments
+
+Array = NDArray[np.float64]
+
+
+def chain(seed: int, count: int = 60) -> NDArray[np.float32]:
+    """A random walk that goes mostly to the right."""
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.normal(0.0, 0.25, count))
+    steps = np.column_stack((np.cos(turns), np.sin(turns)))
+    return np.cumsum(steps, axis=0).astype(np.float32) + np.float32(100.0)
+
+
+def slow_split(points: Array, first: int, last: int, tolerance: float) -> list[int]:
+    """Ramer, Douglas and Peucker, by recursion."""
+    if last - first < 2:
+        return [first]
+    chord = points[last] - points[first]
+    away = points[first + 1 : last] - points[first]
+    distance = np.abs(away[:, 0] * chord[1] - away[:, 1] * chord[0]) / np.linalg.norm(chord)
+    worst = int(np.argmax(distance))
+    if distance[worst] <= tolerance:
+        return [first]
+    corner = first + 1 + worst
+    return slow_split(points, first, corner, tolerance) + slow_split(
+        points, corner, last, tolerance
+    )
+
+
+@given(st.integers(0, 10_000), st.floats(0.3, 4.0))
+@settings(max_examples=40)
+def test_a_chain_is_split_as_by_a_slow_reference(seed: int, tolerance: float) -> None:
+    points = chain(seed)
+    breaks = np.empty(len(points), np.int64)
+    count = _split(points, tolerance, breaks)
+    last = len(points) - 1
+    expected = [*slow_split(points.astype(np.float64), 0, last, tolerance), last]
+    assert breaks[:count].tolist() == expected
+
+
+def test_a_closed_chain_is_split_too() -> None:
+    # Its chord has no length: the furthest point is the first corner.
+    turn = np.linspace(0.0, 2.0 * math.pi, 101)
+    points = (50.0 + 20.0 * np.column_stack((np.cos(turn), np.sin(turn)))).astype(np.float32)
+    points[-1] = points[0]
+    breaks = np.empty(len(points), np.int64)
+    count = _split(points, 1.0, breaks)
+    assert breaks[0] == 0
+    assert breaks[count - 1] == 100
+    assert 50 in breaks[:count]
+
+
+@given(st.integers(0, 10_000), st.integers(0, 20), st.integers(30, 59))
+@settings(max_examples=40)
+def test_a_line_is_fitted_across_as_by_singular_values(seed: int, first: int, last: int) -> None:
+    points = chain(seed)
+    out = np.empty(4, np.float32)
+    length = _fit(points, first, last, out)
+    part = points[first : last + 1].astype(np.float64)
+    centre = part.mean(axis=0)
+    _, values, vectors = np.linalg.svd(part - centre)
+    ends = out.astype(np.float64).reshape(2, 2)
+    if values[0] > 1.1 * values[1]:
+        # Both ends lie on the best line, where the first and the last point project on it.
+        assert np.abs((ends - centre) @ vectors[1]).max() < 1e-3
+        expected = (part[[0, -1]] - centre) @ vectors[0]
+        assert np.allclose((ends - centre) @ vectors[0], expected, atol=1e-3)
+        assert length == pytest.approx(abs(expected[1] - expected[0]), abs=1e-3)
+    assert np.dot(ends[1] - ends[0], part[-1] - part[0]) >= 0.0
+
+
+def edges(height: int = 40, width: int = 60) -> dict[str, NDArray[np.generic]]:
+    return {
+        "ridge": np.zeros((height, width), np.uint8),
+        "dx": np.zeros((height, width), np.int16),
+        "dy": np.zeros((height, width), np.int16),
+        "offset": np.zeros((height, width), np.float32),
+    }
+
+
+def trace(
+    picture: dict[str, NDArray[np.generic]], high: float = 100.0, min_length: float = 10.0
+) -> NDArray[np.float32]:
+    magnitude = np.hypot(picture["dx"].astype(np.float64), picture["dy"].astype(np.float64)).astype(
+        np.float32
+    )
+    return trace_segments(
+        picture["ridge"],  # type: ignore[arg-type]
+        picture["dx"],  # type: ignore[arg-type]
+        picture["dy"],  # type: ignore[arg-type]
+        magnitude,
+        picture["offset"],  # type: ignore[arg-type]
+        high,
+        1.2,
+        min_length,
+    )
+
+
+def test_one_strong_pixel_brings_the_whole_weak_edge() -> None:
+    picture = edges()
+    picture["ridge"][20, 10:50] = 1
+    picture["dy"][20, 10:50] = 60
+    assert len(trace(picture)) == 0
+    picture["ridge"][20, 10:50] = 1
+    picture["dy"][20, 33] = 150
+    # Bright below: seen along 1 -> 2 the brighter side is to the right, so it runs to the right.
+    assert trace(picture).tolist() == [[10.0, 20.0, 49.0, 20.0]]
+
+
+def test_the_offset_moves_the_edge_along_the_gradient() -> None:
+    picture = edges()
+    picture["ridge"][5:35, 30] = 1
+    picture["dx"][5:35, 30] = -120
+    picture["offset"][5:35, 30] = 0.25
+    # Brighter to the left, the edge is moved to it; and it runs down the picture.
+    assert trace(picture).tolist() == [[29.75, 5.0, 29.75, 34.0]]
+
+
+def test_a_chain_does_not_change_to_the_other_side_of_a_thin_line() -> None:
+    # Two edges side by side with opposite gradients: a bright line two pixels wide.
+    picture = edges()
+    picture["ridge"][19:21, 10:50] = 1
+    picture["dy"][19, 10:50] = 120
+    picture["dy"][20, 10:50] = -120
+    found = sorted(trace(picture).tolist())
+    assert found == [[10.0, 19.0, 49.0, 19.0], [49.0, 20.0, 10.0, 20.0]]
+
+
+def test_each_pixel_belongs_to_one_chain_so_that_chains_end_at_junctions() -> None:
+    # A T: an edge that runs into the middle of another one, gradients 45 degrees apart.
+    picture = edges()
+    picture["ridge"][10, 5:55] = 1
+    picture["dy"][10, 5:55] = 120
+    for k in range(1, 25):
+        picture["ridge"][10 + k, 30 + k // 2] = 1
+        picture["dx"][10 + k, 30 + k // 2] = 100
+        picture["dy"][10 + k, 30 + k // 2] = -100
+    found = trace(picture)
+    assert len(found) == 2
+    assert (picture["ridge"] != 1).all()
+    level = found[np.abs(found[:, 1] - found[:, 3]) < 0.1]
+    assert level.tolist() == [[5.0, 10.0, 54.0, 10.0]]

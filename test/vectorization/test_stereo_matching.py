@@ -1,0 +1,145 @@
+"""Matches of textured pairs whose disparity is known below a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pictures import stereo_pair
+
+from pipeline_tracker.vectorization.stereo_matching import (
+    correlation,
+    grid_points,
+    match_points,
+    pyramid,
+    segment_points,
+)
+
+Image = NDArray[np.uint8]
+
+
+def matches_of(left: Image, right: Image, spacing: int = 16) -> NDArray[np.float64]:
+    points = grid_points(left.shape[1], left.shape[0], spacing)
+    return match_points(left, right, points).astype(np.float64)
+
+
+@pytest.mark.parametrize("disparity", [0.0, 0.3, 3.5, 17.25, 42.7, 80.5, 95.9])
+def test_a_shift_is_found_to_a_tenth_of_a_pixel(disparity: float) -> None:
+    left, right = stereo_pair(disparity)
+    found = matches_of(left, right)
+    errors = found[:, 0] - found[:, 2] - disparity
+    assert np.median(np.abs(errors)) < 0.1
+    assert np.mean(np.abs(errors) < 0.5) > 0.97
+    assert (found[:, 1] == found[:, 3]).all()
+    # Nearly every point whose partner is inside the right picture is matched.
+    points = grid_points(400, 160, 16)
+    room = (points[:, 0] - disparity > 18) & (points[:, 0] < 380)
+    room &= (points[:, 1] > 18) & (points[:, 1] < 142)
+    assert len(found) > 0.9 * room.sum()
+
+
+@pytest.mark.parametrize("slope", [0.05, -0.05])
+def test_a_slanted_plane_is_followed(slope: float) -> None:
+    left, right = stereo_pair(30.0, slope=slope)
+    found = matches_of(left, right)
+    errors = found[:, 0] - found[:, 2] - (30.0 + slope * found[:, 0])
+    assert np.median(np.abs(errors)) < 0.1
+    assert np.mean(np.abs(errors) < 0.6) > 0.95
+
+
+def test_other_light_in_one_camera_does_not_matter() -> None:
+    left, right = stereo_pair(25.4)
+    darker = np.asarray(np.rint(20.0 + 0.5 * right), np.uint8)
+    found = matches_of(left, darker)
+    assert len(found) > 100
+    assert np.median(np.abs(found[:, 0] - found[:, 2] - 25.4)) < 0.1
+
+
+def test_noise_costs_little() -> None:
+    random = np.random.default_rng(1)
+    left, right = (
+        np.asarray(np.clip(np.rint(image + random.normal(0.0, 4.0, image.shape)), 0, 255), np.uint8)
+        for image in stereo_pair(25.4)
+    )
+    found = matches_of(left, right)
+    assert len(found) > 100
+    assert np.median(np.abs(found[:, 0] - found[:, 2] - 25.4)) < 0.1
+
+
+def test_constant_images_give_no_matches() -> None:
+    left, right = stereo_pair(20.0)
+    flat = np.full_like(left, 120)
+    for pair in ((flat, flat), (left, flat), (flat, right)):
+        assert matches_of(*pair).shape == (0, 4)
+
+
+def test_different_textures_hardly_match() -> None:
+    left, _ = stereo_pair(20.0, seed=1)
+    _, right = stereo_pair(20.0, seed=2)
+    assert len(matches_of(left, right)) < 0.1 * len(grid_points(400, 160, 16))
+
+
+def test_all_places_are_inside_both_pictures() -> None:
+    left, right = stereo_pair(90.0)
+    ys, xs = np.mgrid[-20:180:3, -20:420:3]
+    everywhere = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
+    found = match_points(left, right, everywhere)
+    assert found.dtype == np.float32
+    assert len(found) > 1000
+    for column, size in ((0, 400), (1, 160), (2, 400), (3, 160)):
+        assert found[:, column].min() >= 0
+        assert found[:, column].max() <= size - 1
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 40), (16, 16), (40, 5), (30, 60)])
+def test_tiny_images_are_taken(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(0)
+    left, right = (random.integers(0, 255, shape).astype(np.uint8) for _ in range(2))
+    ys, xs = np.mgrid[0 : shape[0], 0 : shape[1]]
+    points = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
+    found = match_points(left, right, points)
+    assert found.shape[1] == 4
+    assert np.isfinite(found).all()
+
+
+def test_the_correlation_is_that_of_numpy() -> None:
+    random = np.random.default_rng(4)
+    left, right = (random.integers(0, 256, (30, 40)).astype(np.uint8) for _ in range(2))
+    for half, xl, xr, y in ((3, 10, 12, 8), (6, 20, 30, 15), (1, 5, 38, 28)):
+        a = left[y - half : y + half + 1, xl - half : xl + half + 1].ravel()
+        b = right[y - half : y + half + 1, xr - half : xr + half + 1].ravel()
+        expected = float(np.corrcoef(a.astype(float), b.astype(float))[0, 1])
+        assert correlation(left, right, xl, xr, y, half) == pytest.approx(expected, abs=1e-12)
+    assert correlation(left, left, 12, 12, 9, 4) == pytest.approx(1.0)
+    assert correlation(left, 255 - left, 12, 12, 9, 4) == pytest.approx(-1.0)
+    assert correlation(left, np.full_like(left, 9), 12, 12, 9, 4) == -1.0
+
+
+def test_the_grid_is_fixed_and_centred() -> None:
+    points = grid_points(100, 70, 30)
+    assert points.dtype == np.int64
+    assert np.unique(points[:, 0]).tolist() == [20, 50, 80]
+    assert np.unique(points[:, 1]).tolist() == [20, 50]
+    assert len(points) == 6
+
+
+def test_points_go_along_segments_that_do_not_follow_a_row() -> None:
+    segments = np.array(
+        [
+            [10, 10, 10, 110],  # up the picture
+            [50, 50, 150, 60],  # along a row
+            [200, 10, 200, 40],  # short
+        ],
+        np.float32,
+    )
+    points = segment_points(segments, 20)
+    assert points.tolist() == [[10, 20], [10, 40], [10, 60], [10, 80], [10, 100]]
+    assert segment_points(segments[1:], 20).shape == (0, 2)
+    assert segment_points(segments[:0], 20).shape == (0, 2)
+
+
+def test_the_pyramid_halves_and_is_contiguous() -> None:
+    image = np.arange(41 * 63, dtype=np.uint32).astype(np.uint8).reshape(41, 63)[:, ::-1]
+    full, half, quarter = pyramid(image)
+    assert [level.shape for level in (full, half, quarter)] == [(41, 63), (20, 31), (10, 15)]
+    assert all(level.flags.c_contiguous for level in (full, half, quarter))
