@@ -1,0 +1,227 @@
+"""The way of each frame through the tracker: its pose, its recognition, its status."""
+
+from __future__ import annotations
+
+import time
+from bisect import insort
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
+from pipeline_tracker.nodes.live_clock import LiveClock, Mark
+from pipeline_tracker.nodes.timeline import Step, Timeline
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
+from pipeline_tracker.types import PipeSegment, State, TrackingStatus, VectorizedStereo
+
+# Frames that wait while one is recognised; as many as the topic's depth.
+QUEUE = 10
+# A recognition takes some tenths of a second, on a busy machine some seconds.
+ANSWER_WITHIN = 5.0
+
+BACKWARD = "time went backward"
+RECALIBRATED = "the camera's calibration changed"
+
+
+@dataclass
+class _Waiting:
+    """A frame in the queue; ``frame`` is None once it had to give way."""
+
+    stamp_ns: int
+    frame: VectorizedStereo | None
+    since: Mark
+
+
+@dataclass(frozen=True)
+class _Open:
+    """The frame that awaits its recognition."""
+
+    stamp_ns: int
+    asked: float
+
+
+class FrameFlow:
+    """Gives frames to the tracker in the order of their stamps and closes every one of them.
+
+    A frame waits for its pose, at most ``pose.wait``; then the tracker decides. Where that needs a
+    recognition, the frame stays open until the answer comes, at most ``ANSWER_WITHIN`` seconds, and
+    the next ones wait. All calls come from one thread.
+    """
+
+    def __init__(
+        self,
+        tracker: Tracker,
+        settings: Settings,
+        clock: LiveClock,
+        publish: Callable[[TrackedFrame], None],
+        request: Callable[[int], None],
+        dropped: Callable[[str, str], None],
+        timeline: Timeline | None = None,
+        steady: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start without frames.
+
+        Args:
+            tracker: the core's tracker.
+            settings: ``pose.max_gap`` and ``pose.wait`` are used.
+            clock: the node's time.
+            publish: called with each closed frame, in the order of the stamps.
+            request: called with the stamp (ns) of each frame that needs a recognition.
+            dropped: called with reason and details of each input that is not used.
+            timeline: notices time going backward.
+            steady: a clock that never goes back, s.
+        """
+        self._tracker = tracker
+        self._poses = PoseBuffer(settings.pose.max_gap)
+        self._pose_wait = settings.pose.wait
+        self._clock = clock
+        self._publish_frame = publish
+        self._request = request
+        self._dropped = dropped
+        self._timeline = timeline or Timeline()
+        self._steady = steady
+        self._waiting: list[_Waiting] = []
+        self._open: _Open | None = None
+        self._newest_taken: int | None = None
+        self._rig: StereoRig | None = None
+        self._last_seen: tuple[int, int] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a frame waits for something, so that ``poll`` is needed."""
+        return self._open is not None or bool(self._waiting)
+
+    def add_frame(self, frame: VectorizedStereo) -> None:
+        """Take in a frame."""
+        stamp = frame.stamp_ns
+        step = self._timeline.see("frame", stamp)
+        if step is Step.PAST:
+            self._dropped("frame_of_the_past", f"stamp {stamp} ns is of before the reset")
+            return
+        if step is Step.BACKWARD:
+            self.reset(BACKWARD)
+        late = self._newest_taken is not None and stamp <= self._newest_taken
+        if late or any(held.stamp_ns == stamp for held in self._waiting):
+            self._dropped("frame_late_or_repeated", f"stamp {stamp} ns is not after the last one")
+            return
+        held = _Waiting(stamp, frame, self._clock.mark())
+        insort(self._waiting, held, key=lambda w: w.stamp_ns)
+        frames = [w for w in self._waiting if w.frame is not None]
+        if len(frames) > QUEUE:
+            frames[0].frame = None
+        self.poll()
+
+    def add_pose(self, stamp_ns: int, pose: Pose) -> None:
+        """Take in a pose of base_link in odom."""
+        step = self._timeline.see("pose", stamp_ns)
+        if step is Step.PAST:
+            self._dropped("pose_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+            return
+        if step is Step.BACKWARD:
+            self.reset(BACKWARD)
+        if not self._poses.add(stamp_ns, pose):
+            self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
+        self.poll()
+
+    def add_recognition(self, segment: PipeSegment) -> None:
+        """Take in the recognizer's answer."""
+        if self._open is None or self._open.stamp_ns != segment.stamp_ns:
+            self._dropped("answer_not_asked", f"no frame of {segment.stamp_ns} ns awaits it")
+            return
+        self._finish(segment, "")
+        self.poll()
+
+    def clock_went_back(self, now_ns: int, way_ns: int) -> None:
+        """Forget everything, the simulated clock has gone back."""
+        if self._timeline.clock_went_back(now_ns, way_ns):
+            self.reset(BACKWARD)
+
+    def reset(self, reason: str) -> None:
+        """Close all frames, forget pipe and poses; the reset counter grows by one."""
+        if self._open is not None:
+            self._finish(None, reason)
+        for held in self._waiting:
+            self._close_unseen(held.stamp_ns, f"dropped: {reason}")
+        self._waiting.clear()
+        self._poses.clear()
+        self._newest_taken = None
+        self._tracker.reset(reason)
+
+    def poll(self) -> None:
+        """Go on with what has waited long enough; to be called every few tens of ms while busy."""
+        if self._open is not None and self._steady() - self._open.asked >= ANSWER_WITHIN:
+            self._finish(None, f"no answer of the recognizer within {ANSWER_WITHIN:g} s")
+        while self._waiting and self._open is None:
+            held = self._waiting[0]
+            if held.frame is not None and not self._has_pose(held):
+                return
+            self._waiting.pop(0)
+            self._newest_taken = held.stamp_ns
+            if held.frame is None:
+                reason = f"dropped: more than {QUEUE} frames waited for the recognizer"
+                self._dropped("frame_queue_full", f"stamp {held.stamp_ns} ns")
+                self._close_unseen(held.stamp_ns, reason)
+            else:
+                self._begin(held.frame)
+
+    def _has_pose(self, held: _Waiting) -> bool:
+        """Whether the frame's pose has come, or has been waited for long enough."""
+        return (
+            self._poses.settled(held.stamp_ns) or self._clock.since(held.since) >= self._pose_wait
+        )
+
+    def _begin(self, frame: VectorizedStereo) -> None:
+        # Another camera, or one calibrated anew: the past does not fit any more.
+        if self._rig is not None and frame.rig != self._rig:
+            self._tracker.reset(RECALIBRATED)
+        self._rig = frame.rig
+        try:
+            tracked = self._tracker.begin(frame, self._poses.at(frame.stamp_ns))
+        except Exception as error:  # noqa: BLE001 - no frame may end the node
+            self._give_up(frame.stamp_ns, error)
+            return
+        if tracked is not None:
+            self._publish(tracked)
+            return
+        self._open = _Open(frame.stamp_ns, self._steady())
+        self._request(frame.stamp_ns)
+
+    def _finish(self, recognition: PipeSegment | None, reason: str) -> None:
+        """Close the open frame."""
+        if self._open is None:
+            return
+        stamp = self._open.stamp_ns
+        self._open = None
+        if reason:
+            self._dropped("recognition_missing", reason)
+        try:
+            tracked = self._tracker.finish(recognition, reason)
+        except Exception as error:  # noqa: BLE001 - no answer may end the node
+            self._give_up(stamp, error)
+            return
+        self._publish(tracked)
+
+    def _give_up(self, stamp_ns: int, error: Exception) -> None:
+        """Close a frame on which the tracker failed, and let it begin anew."""
+        reason = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
+        self._dropped("internal_error", reason)
+        self._tracker.reset(reason)
+        self._close_unseen(stamp_ns, reason)
+
+    def _close_unseen(self, stamp_ns: int, reason: str) -> None:
+        """Publish a status for a frame that the tracker has not closed."""
+        resets = self._tracker.reset_counter
+        unseen = -1.0
+        if self._last_seen is not None and self._last_seen[0] == resets:
+            unseen = (stamp_ns - self._last_seen[1]) / SECOND_NS
+        status = TrackingStatus(stamp_ns, State.SEARCHING, reason, 0.0, unseen, resets)
+        self._publish_frame(TrackedFrame(status, None))
+
+    def _publish(self, tracked: TrackedFrame) -> None:
+        status = tracked.status
+        if status.state is State.TRACKING:
+            # What was seen before a reset does not count after it.
+            self._last_seen = status.reset_counter, status.stamp_ns
+        self._publish_frame(tracked)

@@ -1,0 +1,110 @@
+"""Node: a frame without a past to a pipe segment, on request."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.messages import segment_message, stamp_ns, vectorized_from_message
+from pipeline_tracker.nodes import qos
+from pipeline_tracker.nodes.base import MountedNode
+from pipeline_tracker.nodes.process import prepare_transport
+from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.nodes.worker import Worker
+from pipeline_tracker.recognition.recognizer import Recognizer
+from pipeline_tracker.types import PipeSegment
+
+# Frames kept for requests to come, and requests kept for frames to come.
+FRAMES = 10
+REQUESTS = 10
+# A frame comes soon after its request or not at all, s.
+FRAME_WITHIN = 2.0
+
+
+class LocalRecognizer(MountedNode):
+    """Keeps the last few frames and answers each requested stamp with a segment."""
+
+    NAME = "local_recognizer"
+
+    def start_mounted(self, mounting: Pose) -> None:
+        """Open the topics."""
+        self._recognizer = Recognizer(self.settings, mounting)
+        self._frames: OrderedDict[int, Any] = OrderedDict()
+        self._requests: OrderedDict[int, float] = OrderedDict()
+        self._recognition_out = self.speak(
+            "pipeline_tracker_msgs/msg/PipeSegment", "pipeline/recognition"
+        )
+        self._worker = Worker(self._recognize, REQUESTS, self._on_overrun, self.NAME)
+        self.listen(
+            "pipeline_tracker_msgs/msg/VectorizedStereo",
+            "pipeline/vectorized",
+            self._on_frame,
+            qos.PIPELINE,
+        )
+        self.listen(
+            "std_msgs/msg/Header", "pipeline/recognition_request", self._on_request, qos.PIPELINE
+        )
+        self.ready()
+
+    def close(self) -> None:
+        """End the computing thread."""
+        if hasattr(self, "_worker"):
+            self._worker.close(timeout=0.3)
+
+    def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:  # noqa: ARG002 - no matter
+        """Forget frames and requests."""
+        if hasattr(self, "_worker"):
+            self._frames.clear()
+            self._requests.clear()
+            self._worker.clear()
+
+    def _on_frame(self, message: Any) -> None:
+        stamp = stamp_ns(message.header)
+        self._frames.pop(stamp, None)
+        self._frames[stamp] = message
+        if len(self._frames) > FRAMES:
+            self._frames.popitem(last=False)
+        asked = self._requests.pop(stamp, None)
+        if asked is not None and time.monotonic() - asked <= FRAME_WITHIN:
+            self._worker.put(message)
+
+    def _on_request(self, header: Any) -> None:
+        stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+        if stamp in self._frames:
+            self._worker.put(self._frames[stamp])
+            return
+        # The request may overtake the frame.
+        self._requests[stamp] = time.monotonic()
+        if len(self._requests) > REQUESTS:
+            lost, _ = self._requests.popitem(last=False)
+            self.dropped("request_without_frame", f"stamp {lost} ns")
+
+    def _on_overrun(self, message: Any) -> None:
+        stamp = stamp_ns(message.header)
+        self.dropped("overrun", f"frame of {stamp} ns: requests come faster than they are answered")
+
+    def _recognize(self, message: Any) -> None:
+        """Recognise a frame and publish the answer; in the computing thread."""
+        stamp = stamp_ns(message.header)
+        try:
+            segment = self._recognizer.recognize(vectorized_from_message(message))
+        except Exception as error:  # noqa: BLE001 - the tracker waits for an answer all the same
+            self.refused("frame", error)
+            segment = PipeSegment.none(stamp, self.settings.radius)
+        self._recognition_out.publish(
+            segment_message(self.messages, segment, self.settings.frames.base_link)
+        )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit code."""
+    prepare_transport(local=False)
+    return run_nodes([LocalRecognizer], args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""Node: frames and poses to the tracked segment, and one status for each frame."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.messages import (
+    header_message,
+    pose_from_message,
+    segment_from_message,
+    segment_message,
+    status_message,
+    vectorized_from_message,
+)
+from pipeline_tracker.nodes import qos
+from pipeline_tracker.nodes.base import MountedNode
+from pipeline_tracker.nodes.frame_flow import FrameFlow
+from pipeline_tracker.nodes.process import prepare_transport
+from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
+
+# How often waiting frames are looked at, s.
+_POLL = 0.02
+
+
+class PipeTracker(MountedNode):
+    """Tracks in the executor's thread: 20 ms a frame, and poses meanwhile wait in their queue."""
+
+    NAME = "pipe_tracker"
+
+    def start_mounted(self, mounting: Pose) -> None:
+        """Open the topics."""
+        self._base_link = self.settings.frames.base_link
+        self._optical = ""
+        self._flow = FrameFlow(
+            Tracker(self.settings, mounting, self.settings.recognition.only),
+            self.settings,
+            self.live_clock,
+            publish=self._publish,
+            request=self._ask,
+            dropped=self.dropped,
+            timeline=self.timeline(),
+        )
+        self._segment_out = self.speak("pipeline_tracker_msgs/msg/PipeSegment", "pipeline/segment")
+        self._status_out = self.speak("pipeline_tracker_msgs/msg/TrackingStatus", "pipeline/status")
+        self._request_out = self.speak("std_msgs/msg/Header", "pipeline/recognition_request")
+        self._timer = self.every(_POLL, self._poll)
+        self._timer.cancel()
+        self.listen_to_poses(self._on_pose)
+        self.listen(
+            "pipeline_tracker_msgs/msg/PipeSegment",
+            "pipeline/recognition",
+            self._on_recognition,
+            qos.PIPELINE,
+        )
+        self.listen(
+            "pipeline_tracker_msgs/msg/VectorizedStereo",
+            "pipeline/vectorized",
+            self._on_frame,
+            qos.PIPELINE,
+        )
+        self.ready()
+
+    def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
+        """Forget pipe, poses and frames."""
+        if hasattr(self, "_flow"):
+            self._flow.clock_went_back(now_ns, way_ns)
+
+    def _on_frame(self, message: Any) -> None:
+        self._optical = str(message.header.frame_id)
+        self._flow.add_frame(vectorized_from_message(message))
+        # The timer runs only while something waits.
+        if self._flow.busy and self._timer.is_canceled():
+            self._timer.reset()
+
+    def _on_pose(self, message: Any) -> None:
+        self._flow.add_pose(*pose_from_message(message))
+
+    def _on_recognition(self, message: Any) -> None:
+        self._flow.add_recognition(segment_from_message(message))
+
+    def _poll(self) -> None:
+        self._flow.poll()
+        if not self._flow.busy:
+            self._timer.cancel()
+
+    def _ask(self, stamp_ns: int) -> None:
+        self._request_out.publish(header_message(self.messages, stamp_ns, self._optical))
+
+    def _publish(self, tracked: TrackedFrame) -> None:
+        if tracked.segment is not None:
+            self._segment_out.publish(
+                segment_message(self.messages, tracked.segment, self._base_link)
+            )
+        self._status_out.publish(status_message(self.messages, tracked.status, self._base_link))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit code."""
+    prepare_transport(local=False)
+    return run_nodes([PipeTracker], args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

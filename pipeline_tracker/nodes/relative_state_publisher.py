@@ -1,0 +1,139 @@
+"""Node: status, segment and poses to what the autopilot needs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.markers import Centerline, markers_message
+from pipeline_tracker.messages import (
+    float_message,
+    pose_from_message,
+    relative_state_message,
+    segment_from_message,
+    status_from_message,
+)
+from pipeline_tracker.nodes import qos
+from pipeline_tracker.nodes.base import MountedNode
+from pipeline_tracker.nodes.process import prepare_transport
+from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.nodes.state_flow import FrameState, OutputWatch, StateFlow
+from pipeline_tracker.relative_state import RelativeStateEstimator
+from pipeline_tracker.types import RelativeState
+
+# How often waiting frames and the output's silence are looked at, s.
+_POLL = 0.05
+
+# Single numbers, each with the variance that says whether it is known.
+_NUMBERS = {
+    "heading_misalignment": "heading_variance",
+    "pitch_misalignment": "pitch_variance",
+    "approach_speed": "speed_variance",
+    "min_distance": "distance_variance",
+}
+
+
+class RelativeStatePublisher(MountedNode):
+    """Gives one relative state for each status, and a state "not valid" when none comes."""
+
+    NAME = "relative_state_publisher"
+
+    def start_mounted(self, mounting: Pose) -> None:
+        """Open the topics."""
+        settings = self.settings
+        self._frames = settings.frames
+        self._reset_counter = 0
+        self._centerline = Centerline()
+        self._watch = OutputWatch(
+            settings.output.timeout, self.live_clock, simulated=settings.use_sim_time
+        )
+        self._flow = StateFlow(
+            RelativeStateEstimator(settings, mounting),
+            settings,
+            self.live_clock,
+            publish=self._publish,
+            dropped=self.dropped,
+            timeline=self.timeline(),
+        )
+        self._state_out = self.speak(
+            "pipeline_tracker_msgs/msg/RelativeState", "pipeline/relative_state"
+        )
+        self._numbers_out = {
+            name: self.speak("std_msgs/msg/Float64", f"pipeline/{name}") for name in _NUMBERS
+        }
+        self._centerline_out = self.speak("nav_msgs/msg/Path", "pipeline/centerline")
+        self._markers_out = self.speak("visualization_msgs/msg/MarkerArray", "pipeline/markers")
+        self.listen_to_poses(self._on_pose)
+        self.listen(
+            "pipeline_tracker_msgs/msg/PipeSegment",
+            "pipeline/segment",
+            self._on_segment,
+            qos.PIPELINE,
+        )
+        self.listen(
+            "pipeline_tracker_msgs/msg/TrackingStatus",
+            "pipeline/status",
+            self._on_status,
+            qos.PIPELINE,
+        )
+        self._timer = self.every(_POLL, self._poll)
+        self.ready()
+
+    def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
+        """Forget the past."""
+        if hasattr(self, "_flow"):
+            self._flow.clock_went_back(now_ns, way_ns)
+            self._watch.restart()
+
+    def _on_pose(self, message: Any) -> None:
+        self._flow.add_pose(*pose_from_message(message))
+
+    def _on_segment(self, message: Any) -> None:
+        self._flow.add_segment(segment_from_message(message))
+
+    def _on_status(self, message: Any) -> None:
+        self._flow.add_status(status_from_message(message))
+
+    def _poll(self) -> None:
+        self._flow.poll()
+        stamp = self._watch.due(_POLL)
+        if stamp is not None:
+            self._send(RelativeState(stamp, False, 0.0, self._reset_counter))
+
+    def _publish(self, frame: FrameState) -> None:
+        state = frame.state
+        self._reset_counter = state.reset_counter
+        self._watch.heard(state.stamp_ns)
+        self._send(state)
+        if state.valid:
+            for name, variance in _NUMBERS.items():
+                # An unknown number is 0, which a reader of the number alone would take for one.
+                if getattr(state, variance) >= 0.0:
+                    number = float_message(self.messages, getattr(state, name))
+                    self._numbers_out[name].publish(number)
+        if self._centerline.update(state, frame.segment, frame.pose):
+            self._centerline_out.publish(
+                self._centerline.message(self.messages, state.stamp_ns, self._frames.odom)
+            )
+        self._markers_out.publish(
+            markers_message(
+                self.messages, frame.status, frame.segment, state, self._frames.base_link
+            )
+        )
+
+    def _send(self, state: RelativeState) -> None:
+        self._state_out.publish(
+            relative_state_message(self.messages, state, self._frames.base_link)
+        )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit code."""
+    prepare_transport(local=False)
+    return run_nodes([RelativeStatePublisher], args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

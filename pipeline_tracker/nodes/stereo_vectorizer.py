@@ -1,0 +1,211 @@
+"""Node: image pairs to straight segments and matched points."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
+from pipeline_tracker.images import ImageError, check_size, decode_image
+from pipeline_tracker.messages import camera_from_info, stamp_ns, vectorized_message
+from pipeline_tracker.nodes import qos
+from pipeline_tracker.nodes.base import PipelineNode
+from pipeline_tracker.nodes.process import prepare_transport
+from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.nodes.timeline import Step
+from pipeline_tracker.nodes.worker import Worker
+from pipeline_tracker.sync import Matched, StereoSynchroniser
+from pipeline_tracker.types import Image, VectorizedStereo
+from pipeline_tracker.vectorization.vectorizer import Vectorizer
+
+# Pairs that wait while one is computed; as many as the depth of the image topics.
+QUEUE = qos.SENSOR.depth
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Messages that belong together; ``right`` is None in mono.
+
+    ``epoch`` counts how often time had gone back when the pair came.
+    """
+
+    stamp_ns: int
+    left: Any
+    right: Any
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Infos:
+    """The newest camera infos; ``right`` is None in mono or as long as none has come."""
+
+    left: Any = None
+    right: Any = None
+
+
+class StereoVectorizer(PipelineNode):
+    """Pairs the two cameras' images and vectorizes each pair, without memory."""
+
+    NAME = "stereo_vectorizer"
+
+    def start(self) -> None:
+        """Open the topics."""
+        settings = self.settings
+        self._stereo = settings.mode == "stereo"
+        sync = settings.sync
+        self._sync: StereoSynchroniser[Any] = StereoSynchroniser(
+            sync.tolerance, sync.max_wait, sync.queue
+        )
+        self._timeline = self.timeline()
+        self._vectorizer = Vectorizer(settings)
+        self._infos = Infos()
+        self._without_info: deque[Pair] = deque()
+        self._epoch = 0
+        self._lock = threading.Lock()
+        self._rig: tuple[Infos, StereoRig] | None = None
+        self._vectorized_out = self.speak(
+            "pipeline_tracker_msgs/msg/VectorizedStereo", "pipeline/vectorized"
+        )
+        self._worker = Worker(self._vectorize, QUEUE, self._on_overrun, self.NAME)
+        for side in ("left", "right") if self._stereo else ("left",):
+            self._listen_to(side)
+        self.ready()
+
+    def close(self) -> None:
+        """End the computing thread."""
+        if hasattr(self, "_worker"):
+            self._worker.close(timeout=0.3)
+
+    def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
+        """Forget what is under way."""
+        if self._timeline.clock_went_back(now_ns, way_ns):
+            self._forget()
+
+    def _listen_to(self, side: str) -> None:
+        topic, kind = f"stereo/{side}/image_rect", "Image"
+        if self.settings.image_transport == "compressed":
+            topic, kind = f"{topic}/compressed", "CompressedImage"
+
+        def on_image(message: Any) -> None:
+            self._on_image(side, message)
+
+        def on_info(message: Any) -> None:
+            self._on_info(side, message)
+
+        self.listen("sensor_msgs/msg/CameraInfo", f"stereo/{side}/camera_info", on_info, qos.SENSOR)
+        self.listen(f"sensor_msgs/msg/{kind}", topic, on_image, qos.SENSOR)
+
+    def _on_info(self, side: str, message: Any) -> None:
+        infos = self._infos
+        if side == "left":
+            self._infos = Infos(message, infos.right)
+        else:
+            self._infos = Infos(infos.left, message)
+        while self._without_info and self._is_calibrated():
+            self._compute(self._without_info.popleft())
+
+    def _on_image(self, side: str, message: Any) -> None:
+        stamp = stamp_ns(message.header)
+        step = self._timeline.see(side, stamp)
+        if step is Step.PAST:
+            self.dropped("image_of_the_past", f"{side} image of {stamp} ns")
+            return
+        if step is Step.BACKWARD:
+            self._forget()
+        if not self._stereo:
+            self._take(Pair(stamp, message, None, self._epoch))
+            return
+        add = self._sync.add_left if side == "left" else self._sync.add_right
+        for matched in add(stamp, message):
+            self._settle(matched)
+
+    def _settle(self, matched: Matched[Any]) -> None:
+        left, right = matched.left, matched.right
+        if left is not None and right is not None:
+            self._take(Pair(left.stamp_ns, left.item, right.item, self._epoch))
+            return
+        alone = left or right
+        side = "left" if left is not None else "right"
+        stamp = alone.stamp_ns if alone is not None else 0
+        self.dropped(matched.reason, f"{side} image of {stamp} ns")
+
+    def _take(self, pair: Pair) -> None:
+        if self._is_calibrated():
+            self._compute(pair)
+            return
+        # The first camera info may come after the first pair.
+        self._without_info.append(pair)
+        if len(self._without_info) > QUEUE:
+            lost = self._without_info.popleft()
+            self.dropped("no_camera_info", f"pair of {lost.stamp_ns} ns: no camera info has come")
+
+    def _is_calibrated(self) -> bool:
+        infos = self._infos
+        return infos.left is not None and (infos.right is not None or not self._stereo)
+
+    def _compute(self, pair: Pair) -> None:
+        self._worker.put((pair, self._infos))
+
+    def _on_overrun(self, item: tuple[Pair, Infos]) -> None:
+        self.dropped("overrun", f"pair of {item[0].stamp_ns} ns: images come faster than computed")
+
+    def _forget(self) -> None:
+        """Drop what is held and under way: it is of the time before."""
+        held = len(self._sync.reset()) + len(self._without_info) + self._worker.clear()
+        self._without_info.clear()
+        with self._lock:
+            self._epoch += 1
+        if held:
+            self.dropped("time_went_backward", f"{held} images and pairs of before")
+
+    def _vectorize(self, item: tuple[Pair, Infos]) -> None:
+        """Decode, vectorize and publish a pair; in the computing thread."""
+        pair, infos = item
+        try:
+            frame = self._frame(pair, infos)
+        except Exception as error:  # noqa: BLE001 - one pair is lost, not the node
+            self.refused("pair", error)
+            return
+        frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
+        message = vectorized_message(self.messages, frame, frame_id, infos.left, infos.right)
+        with self._lock:
+            if pair.epoch == self._epoch:
+                self._vectorized_out.publish(message)
+                return
+        self.dropped("time_went_backward", f"pair of {pair.stamp_ns} ns")
+
+    def _frame(self, pair: Pair, infos: Infos) -> VectorizedStereo:
+        if self._rig is None or self._rig[0] is not infos:
+            self._rig = infos, self._build_rig(infos)
+        rig = self._rig[1]
+        left = self._decode(pair.left, "left", rig)
+        right = None if rig.right is None else self._decode(pair.right, "right", rig)
+        return self._vectorizer.process(pair.stamp_ns, rig, left, right)
+
+    def _build_rig(self, infos: Infos) -> StereoRig:
+        left = camera_from_info(infos.left, name="left camera_info")
+        if not self._stereo:
+            return stereo_rig(left, None)
+        return stereo_rig(left, camera_from_info(infos.right, name="right camera_info"))
+
+    def _decode(self, message: Any, side: str, rig: StereoRig) -> Image:
+        try:
+            image = decode_image(message, self.settings.image)
+            check_size(image, rig.left.width, rig.left.height)
+        except ImageError as error:
+            raise ImageError(f"{side} image: {error}") from None
+        return image
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit code."""
+    prepare_transport(local=False)
+    return run_nodes([StereoVectorizer], args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

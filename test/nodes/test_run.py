@@ -1,0 +1,163 @@
+"""`run`: processes, signals, refusals."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+NODES = ("stereo_vectorizer", "local_recognizer", "pipe_tracker", "relative_state_publisher")
+
+
+def command(*arguments: str) -> str:
+    return f"from pipeline_tracker.cli import main; main({list(arguments)!r})"
+
+
+def run_command(scene: Any, *arguments: str) -> str:
+    return command("run", *(word for s in scene.settings for word in ("--set", s)), *arguments)
+
+
+def is_ready(text: str) -> bool:
+    return all(re.search(rf"\[{name}\]: ready", text) for name in NODES)
+
+
+def children_of(pid: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                status = (entry / "stat").read_text()
+            except OSError:
+                continue
+            if int(status.rpartition(")")[2].split()[1]) == pid:
+                found.append(int(entry.name))
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.parametrize(
+    ("separate", "number"),
+    [(False, signal.SIGTERM), (False, signal.SIGINT), (True, signal.SIGTERM)],
+    ids=["one process, SIGTERM", "one process, SIGINT", "four processes, SIGTERM"],
+)
+def test_a_signal_ends_all_with_code_0_and_no_words(
+    bench: Any, separate: bool, number: int
+) -> None:
+    process = bench.process(run_command(bench.scene, *(["--separate"] if separate else [])))
+    process.wait_for(is_ready, "all nodes are ready")
+    children = children_of(process.popen.pid)
+    assert len(children) == (4 if separate else 0)
+    code, seconds = process.end(number)
+    assert code == 0
+    assert seconds < 2.0
+    assert not any(map(is_alive, children))
+    assert "Traceback" not in process.text
+    assert "rror" not in process.text
+
+
+def test_a_signal_while_starting_ends_it_as_well(bench: Any) -> None:
+    code = (
+        "import pipeline_tracker.pipeline as p, time\n"
+        "def warm_up(settings):\n"
+        "    print('warming', flush=True)\n"
+        "    time.sleep(600)\n"
+        "p.warm_up = warm_up\n"
+    )
+    process = bench.process(code + run_command(bench.scene))
+    process.wait_for(lambda text: "warming" in text, "kernels are compiled")
+    code_, seconds = process.end()
+    assert code_ == 0
+    assert seconds < 2.0
+    assert "Traceback" not in process.text
+
+
+def test_children_do_not_outlive_a_parent_that_is_killed(bench: Any) -> None:
+    process = bench.process(run_command(bench.scene, "--separate"))
+    process.wait_for(is_ready, "all nodes are ready")
+    children = children_of(process.popen.pid)
+    assert len(children) == 4
+    process.end(signal.SIGKILL)
+    deadline = time.monotonic() + 10.0
+    while any(map(is_alive, children)):
+        assert time.monotonic() < deadline, "children live on"
+        time.sleep(0.02)
+
+
+def test_a_child_that_dies_is_started_again_and_output_comes_back(bench: Any) -> None:
+    process = bench.process(run_command(bench.scene, "--separate", "--set", "output.timeout=1.0"))
+    process.wait_for(is_ready, "all nodes are ready")
+    vehicle = bench.vehicle()
+    assert vehicle.approach(0).valid
+    victim = next(
+        pid
+        for pid in children_of(process.popen.pid)
+        if b"pipe_tracker" in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")[2]
+    )
+    os.kill(victim, signal.SIGKILL)
+    process.wait_for(lambda text: "pipe_tracker ended with exit code -9" in text, "it is noticed")
+    process.wait_for(lambda text: text.count("[pipe_tracker]: ready") == 2, "it is back")
+    got = vehicle.talker.got["pipeline/relative_state"]
+    vehicle.talker.wait(lambda: got and not got[-1].valid, "invalid meanwhile")
+    assert vehicle.approach(1).valid
+    assert process.end()[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run"], "pipe.diameter is missing"),
+        (["run", "--set", "pipe.diameter=0.6"], "camera's mounting is not known"),
+        (["run", "--set", "pipe.diameter=.nan"], "pipe.diameter=nan"),
+        (["run", "--config", "/no/such/file.yaml"], "no such settings file"),
+        (["play", "/no/such/bag"], "no such file or directory"),
+        (["play", "/no/such/bag", "--rate", "0"], "--rate 0: expected a number above 0"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(bench: Any, arguments: list[str], words: str) -> None:
+    process = bench.process(command(*arguments))
+    assert process.popen.wait(60.0) == 2
+    lines = process.text.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert words in lines[0]
+
+
+@pytest.mark.parametrize("missing", ["pipe.diameter", "mounting"])
+def test_a_node_by_itself_refuses_in_one_line(bench: Any, missing: str) -> None:
+    arguments = [] if missing == "pipe.diameter" else ["-p", "pipe.diameter:=0.6"]
+    code = (
+        "import sys; from pipeline_tracker.nodes.pipe_tracker import main\n"
+        f"sys.exit(main(['--ros-args', *{arguments!r}]))"
+    )
+    process = bench.process(code)
+    assert process.popen.wait(60.0) == 2
+    lines = process.text.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert missing in lines[0]
+    assert "[pipe_tracker]" in lines[0]
+
+
+def test_namespace_and_remapping_from_the_command_line(bench: Any) -> None:
+    arguments = ["--ros-args", "-r", "__ns:=/auv", "-r", "vnm/pose:=/nav/pose"]
+    process = bench.process(run_command(bench.scene, *arguments))
+    process.wait_for(lambda text: text.count("]: ready") == 4, "all nodes are ready")
+    vehicle = bench.vehicle("/auv")
+    kind = "geometry_msgs/msg/PoseStamped"
+    vehicle.talker.close_topic("vnm/pose")
+    vehicle.talker._publishers["vnm/pose"] = vehicle.talker.publisher("/nav/pose", kind)
+    assert vehicle.approach(0).valid
+    assert vehicle.drive(1).valid
+    assert process.end()[0] == 0

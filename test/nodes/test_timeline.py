@@ -1,0 +1,106 @@
+"""Time going backward: noticed once, leftovers recognised, nothing silenced for good."""
+
+from __future__ import annotations
+
+from pipeline_tracker.nodes.timeline import Step, Timeline
+
+SECOND = 1_000_000_000
+
+
+class Clocks:
+    def __init__(self) -> None:
+        self.now = 0
+        self.steady = 0.0
+
+    def timeline(self, *, simulated: bool = False) -> Timeline:
+        return Timeline((lambda: self.now) if simulated else None, steady=lambda: self.steady)
+
+
+def seconds(timeline: Timeline, kind: str, *stamps: float) -> list[Step]:
+    return [timeline.see(kind, round(stamp * SECOND)) for stamp in stamps]
+
+
+def test_time_that_goes_on_is_forward() -> None:
+    timeline = Clocks().timeline()
+    assert seconds(timeline, "pose", 10, 11, 11, 13) == [Step.FORWARD] * 4
+    assert seconds(timeline, "frame", 9, 12) == [Step.FORWARD] * 2
+
+
+def test_up_to_a_second_backward_is_late_not_a_step() -> None:
+    assert seconds(Clocks().timeline(), "pose", 10, 9, 9.5)[1:] == [Step.FORWARD] * 2
+
+
+def test_the_first_input_to_go_back_is_the_step_and_the_others_follow_it() -> None:
+    timeline = Clocks().timeline()
+    for kind in ("pose", "frame", "other"):
+        seconds(timeline, kind, 100, 101, 102)
+    assert seconds(timeline, "pose", 50) == [Step.BACKWARD]
+    # What was under way when time went back.
+    assert seconds(timeline, "frame", 103, 104) == [Step.PAST] * 2
+    assert seconds(timeline, "frame", 50, 51) == [Step.FORWARD] * 2
+    assert seconds(timeline, "other", 105) == [Step.PAST]
+    assert seconds(timeline, "other", 51) == [Step.FORWARD]
+
+
+def test_a_step_of_the_clock_is_told_once() -> None:
+    clocks = Clocks()
+    timeline = clocks.timeline(simulated=True)
+    seconds(timeline, "pose", 100, 101)
+    clocks.now = 50 * SECOND
+    assert timeline.clock_went_back(clocks.now, 52 * SECOND)
+    assert seconds(timeline, "pose", 102) == [Step.PAST]
+    assert seconds(timeline, "pose", 50) == [Step.FORWARD]
+
+
+def test_a_clock_that_follows_a_message_backward_is_no_news() -> None:
+    clocks = Clocks()
+    clocks.now = 101 * SECOND
+    timeline = clocks.timeline(simulated=True)
+    seconds(timeline, "pose", 100, 101)
+    seconds(timeline, "frame", 100)
+    assert seconds(timeline, "pose", 50) == [Step.BACKWARD]
+    # The clock still shows the time before: a leftover is one all the same.
+    assert seconds(timeline, "frame", 101) == [Step.PAST]
+    clocks.now = 50 * SECOND
+    assert not timeline.clock_went_back(clocks.now, 51 * SECOND)
+    assert seconds(timeline, "frame", 101, 50) == [Step.PAST, Step.FORWARD]
+
+
+def test_each_lap_is_a_step_of_its_own() -> None:
+    timeline = Clocks().timeline()
+    for lap in range(3):
+        first = Step.BACKWARD if lap else Step.FORWARD
+        assert seconds(timeline, "pose", 10, 11, 12) == [first, Step.FORWARD, Step.FORWARD]
+        assert seconds(timeline, "frame", 10, 11, 12) == [Step.FORWARD] * 3
+
+
+def test_one_wrong_stamp_of_a_pose_does_not_silence_the_frames() -> None:
+    timeline = Clocks().timeline()
+    seconds(timeline, "pose", 100)
+    seconds(timeline, "frame", 100)
+    assert seconds(timeline, "pose", 3) == [Step.BACKWARD]
+    assert seconds(timeline, "pose", 101) == [Step.FORWARD]
+    assert seconds(timeline, "frame", 101) == [Step.FORWARD]
+
+
+def test_leftovers_are_expected_for_a_while_only() -> None:
+    clocks = Clocks()
+    timeline = clocks.timeline()
+    seconds(timeline, "pose", 100)
+    seconds(timeline, "frame", 100)
+    seconds(timeline, "pose", 3)
+    assert seconds(timeline, "frame", 101) == [Step.PAST]
+    clocks.steady = 5.1
+    assert seconds(timeline, "frame", 102) == [Step.FORWARD]
+
+
+def test_a_simulated_clock_that_reached_halfway_ends_the_leftovers() -> None:
+    clocks = Clocks()
+    clocks.now = 100 * SECOND
+    timeline = clocks.timeline(simulated=True)
+    seconds(timeline, "frame", 100)
+    clocks.now -= SECOND // 2
+    assert timeline.clock_went_back(clocks.now, SECOND // 2)
+    assert seconds(timeline, "frame", 100.0) == [Step.PAST]
+    clocks.now = 100 * SECOND
+    assert seconds(timeline, "frame", 100.1) == [Step.FORWARD]
