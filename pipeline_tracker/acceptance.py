@@ -10,8 +10,8 @@ from pipeline_tracker.types import Contours
 # Measured on rendered seas: a pipe has 0.75 or more of the points of its face on it and a gain
 # over a plane of 1 or more; stones, humps and ripples up to 0.9 and 1.3, but then no contours.
 FULL_GAIN = 1.2
-LEAST_GAIN = 0.75
-LEAST_FACE_SHARE = 0.65
+LEAST_GAIN = 0.9
+LEAST_FACE_SHARE = 0.7
 LEAST_CONTOUR_SHARE = 0.12
 STRONG_GAIN, STRONG_FACE_SHARE = 1.3, 0.92
 # Where the face has no texture to match, the contours alone must speak.

@@ -21,6 +21,9 @@ ROUGHNESS = 0.003
 # The face is taken up to this share of the radius to each side; nearer to the contour a patch
 # holds pipe and bed at once.
 FACE_SHARE = 0.9
+# Only so much of the axis to each side of the middle is fitted, m: one bend describes no more of a
+# real pipe than that.
+SPAN = 1.75
 # Standard deviation of a segment's place, px of an image 1200 px wide.
 EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
@@ -132,7 +135,9 @@ def on_face(
     measured = rays_to_axis(surface.rays, camera, axis)
     limb = np.maximum(radius * share, 0.0)
     margin = np.minimum(radius - 5.0 * measured[:, 1] / camera.fx * _scale(camera), limb)
-    mask: NDArray[np.bool_] = (np.abs(measured[:, 0]) < margin) & (measured[:, 1] > 0.0)
+    mask: NDArray[np.bool_] = (
+        (np.abs(measured[:, 0]) < margin) & (measured[:, 1] > 0.0) & (np.abs(measured[:, 2]) < SPAN)
+    )
     return mask
 
 
@@ -156,6 +161,7 @@ def contour_rays(
     radius: float,
     gate: float,
     angle: float = 0.12,
+    span: float = SPAN,
 ) -> tuple[Array, Array, Array]:
     """Find the segments that lie along the predicted contours of an axis.
 
@@ -166,6 +172,7 @@ def contour_rays(
         radius: m.
         gate: largest distance of either end from the contour, px.
         angle: largest angle to the contour, rad.
+        span: of the axis to each side of its origin that is looked at, m.
 
     Returns:
         Unit rays of both ends of each such segment (2 K, 3), the side of its contour (2 K,),
@@ -183,7 +190,8 @@ def contour_rays(
     same = (side[0::2] == side[1::2]) & (measured[0::2, 1] > 0) & (measured[1::2, 1] > 0)
     near = np.maximum(np.abs(first), np.abs(second)) < gate
     parallel = np.abs(first - second) < np.maximum(np.sin(angle) * length, 1.5 * _scale(camera))
-    mask = np.repeat(same & near & parallel, 2)
+    within = (np.abs(measured[0::2, 2]) < span) & (np.abs(measured[1::2, 2]) < span)
+    mask = np.repeat(same & near & parallel & within, 2)
     weight = np.repeat(length / (2.0 * EDGE_SAMPLE * camera.width / REFERENCE_WIDTH), 2)
     return rays[mask], side[mask], weight[mask]
 

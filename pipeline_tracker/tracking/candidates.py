@@ -61,7 +61,7 @@ def _nearby(frame: VectorizedStereo, axis: Axis, radius: float) -> VectorizedSte
     for number, camera in enumerate(frame.rig.cameras):
         found = segments[number]
         gate = _GATE * camera.width / 1200.0
-        rays, _, _ = contour_rays(found, camera, axis, radius, gate, _STEEPEST)
+        rays, _, _ = contour_rays(found, camera, axis, radius, gate, _STEEPEST, np.inf)
         x = rays[:, 0] / rays[:, 2] * camera.fx + camera.cx
         y = rays[:, 1] / rays[:, 2] * camera.fy + camera.cy
         kept.append(np.stack((x, y), axis=1).astype(np.float32).reshape(-1, 4))
