@@ -186,9 +186,7 @@ def run_command(arguments: Sequence[str]) -> int:
         task = command.main(
             _guard_ros_args(arguments), prog_name="pipeline-tracker", standalone_mode=False
         )
-        code = task() if callable(task) else int(task or DONE)
-        sys.stdout.flush()
-        return code
+        return _done(task)
     except (PipelineTrackerError, _UsageError) as error:
         return _refuse(str(error))
     except KeyboardInterrupt:
@@ -204,6 +202,13 @@ def run_command(arguments: Sequence[str]) -> int:
         if not hasattr(error, "format_message"):
             raise
         return _refuse(f"{_usage_error(error)}; see `pipeline-tracker {_help_of(error)}`")
+
+
+def _done(task: Any) -> int:
+    # A help page leaves an exit code, a command its task.
+    code = task() if callable(task) else int(task or DONE)
+    sys.stdout.flush()
+    return code
 
 
 class _UsageError(Exception):

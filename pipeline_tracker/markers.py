@@ -36,6 +36,10 @@ class Centerline:
         """Keep at most ``length`` points, ``spacing`` metres apart or more."""
         self._spacing = spacing
         self._poses: deque[Pose] = deque(maxlen=length)
+        # Made once for each point: the whole line is sent again with every new one.
+        self._messages: deque[Any] = deque(maxlen=length)
+        self._factory: MessageFactory | None = None
+        self._fresh = 0
         self._reset_counter: int | None = None
 
     def update(self, state: RelativeState, segment: PipeSegment | None, pose: Pose | None) -> bool:
@@ -52,6 +56,8 @@ class Centerline:
         """
         if state.reset_counter != self._reset_counter:
             self._poses.clear()
+            self._messages.clear()
+            self._fresh = 0
             self._reset_counter = state.reset_counter
         if not state.valid or segment is None or pose is None:
             return False
@@ -62,16 +68,22 @@ class Centerline:
             if moved < self._spacing:
                 return False
         self._poses.append(Pose(_along(end - start, axis=0), middle))
+        self._fresh = min(self._fresh + 1, len(self._poses))
         return True
 
     def message(self, factory: MessageFactory, nanoseconds: int, odom: str) -> Any:
         """Return nav_msgs/Path in odom; each pose's x axis runs along the pipe."""
         header = header_message(factory, nanoseconds, odom)
+        if factory is not self._factory:
+            self._factory = factory
+            self._messages.clear()
+            self._fresh = len(self._poses)
+        fresh = [self._poses[i] for i in range(-self._fresh, 0)]
+        self._messages.extend(pose_message(factory, pose) for pose in fresh)
+        self._fresh = 0
         poses = [
-            factory.message(
-                "geometry_msgs/msg/PoseStamped", header=header, pose=pose_message(factory, pose)
-            )
-            for pose in self._poses
+            factory.message("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
+            for pose in self._messages
         ]
         return factory.message("nav_msgs/msg/Path", header=header, poses=poses)
 

@@ -196,6 +196,11 @@ def test_centerline_spacing_length_and_reset() -> None:
     path = line.message(factory, STAMP, "odom")
     assert [round(p.pose.position.x, 6) for p in path.poses] == [1.55, 2.15, 2.75]
     assert path.header.frame_id == "odom"
+    line.update(state(), segment(), Pose(np.eye(3), np.array([10.0, 0.0, 0.0])))
+    path = line.message(factory, STAMP, "odom")
+    assert [round(p.pose.position.x, 6) for p in path.poses] == [2.15, 2.75, 10.35]
+    same_for_another = line.message(BagMessages(), STAMP, "odom")
+    assert [round(p.pose.position.x, 6) for p in same_for_another.poses] == [2.15, 2.75, 10.35]
     assert not line.update(state(valid=False), segment(), poses[0])
     assert not line.update(state(), segment(), None)
     assert line.update(state(reset_counter=4), segment(), poses[0])

@@ -226,7 +226,9 @@ def _about_input(counts: InputCounts) -> list[str]:
 
 
 def _reason(reason: str) -> str:
-    return _IN_WORDS.get(reason, reason)
+    if reason in _IN_WORDS:
+        return _IN_WORDS[reason]
+    return ", ".join(_IN_WORDS.get(part, part.replace("_", " ")) for part in reason.split(", "))
 
 
 def _count(number: int, what: str, plural: str = "s") -> str:
