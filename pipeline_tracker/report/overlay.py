@@ -180,7 +180,9 @@ def _write_numbers(panel: Picture, result: FrameResult) -> None:
     scale = panel.shape[1] / 1200.0
     step, thick = round(32 * scale) + 4, max(1, round(2 * scale))
     for number, line in enumerate(lines, start=1):
-        place = (round(12 * scale), number * step)
-        font = cv2.FONT_HERSHEY_SIMPLEX
-        cv2.putText(panel, line, place, font, 0.9 * scale, (0, 0, 0), thick + 2, cv2.LINE_AA)
-        cv2.putText(panel, line, place, font, 0.9 * scale, _TEXT, thick, cv2.LINE_AA)
+        x, y = round(12 * scale), number * step
+        # An outline of the same weight: newer OpenCV sets heavier letters wider.
+        for dx, dy in ((-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)):
+            colour = _TEXT if dx == 0 else (0, 0, 0)
+            place, font = (x + dx * thick, y + dy * thick), cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(panel, line, place, font, 0.9 * scale, colour, thick, cv2.LINE_AA)
