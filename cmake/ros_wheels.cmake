@@ -1,5 +1,5 @@
 # Lets ament_cmake packages build against ROS 2 from wheels. Given as CMAKE_PROJECT_INCLUDE:
-# the packages themselves stay ordinary. Without the wheels (ROS from apt) it does nothing.
+# the packages themselves stay ordinary. ROS 2 from apt needs none of it.
 
 # The ROS prefix is that of ament_package: <prefix>/lib/pythonX.Y/site-packages/ament_package.
 find_package(Python3 REQUIRED COMPONENTS Interpreter)
