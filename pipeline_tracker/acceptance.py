@@ -13,6 +13,7 @@ FULL_GAIN = 1.2
 LEAST_GAIN = 0.9
 LEAST_FACE_SHARE = 0.7
 LEAST_CONTOUR_SHARE = 0.12
+GOOD_CONTOUR_SHARE, GOOD_LEAST_GAIN, GOOD_LEAST_FACE_SHARE = 0.3, 0.3, 0.8
 STRONG_GAIN, STRONG_FACE_SHARE = 1.3, 0.92
 # Where the face has no texture to match, the contours alone must speak.
 ALONE_CONTOUR_SHARE = 0.35
@@ -49,7 +50,7 @@ def refusal(support: Support, stereo: bool) -> str:
     if support.face_points:
         return _refused_by_surface(support)
     visible = support.visible
-    if support.contour_share < ALONE_CONTOUR_SHARE:
+    if not support.contour_share >= ALONE_CONTOUR_SHARE:
         return "too_little_contour"
     if visible & _LEFT_PAIR != _LEFT_PAIR:
         return "one_contour_only"
@@ -59,8 +60,8 @@ def refusal(support: Support, stereo: bool) -> str:
 
 
 def _refused_by_surface(support: Support) -> str:
-    if support.face_share < LEAST_FACE_SHARE or support.face_gain < LEAST_GAIN:
+    if not (support.face_share >= LEAST_FACE_SHARE and support.face_gain >= LEAST_GAIN):
         return "surface_not_a_pipe"
     strong = support.face_share > STRONG_FACE_SHARE and support.face_gain > STRONG_GAIN
     least = LEAST_CONTOUR_SHARE * (0.5 if strong else 1.0)
-    return "too_little_contour" if support.contour_share < least else ""
+    return "" if support.contour_share >= least else "too_little_contour"

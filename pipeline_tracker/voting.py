@@ -47,7 +47,7 @@ def line_support(
     ux = line[2] - x0
     uy = line[3] - y0
     length = np.sqrt(ux * ux + uy * uy)
-    if length <= 0.0:
+    if not length > 0.0:
         return 0.0, 0.0
     ux /= length
     uy /= length
@@ -60,15 +60,15 @@ def line_support(
         mx = 0.5 * (s[0] + s[2]) - x0
         my = 0.5 * (s[1] + s[3]) - y0
         r = abs(mx * uy - my * ux)
-        if r > distance:
+        if not r <= distance:
             continue
         sx = s[2] - s[0]
         sy = s[3] - s[1]
         own = np.sqrt(sx * sx + sy * sy)
-        if own <= 0.0 or abs(sx * ux + sy * uy) < least_cosine * own:
+        if not (own > 0.0 and abs(sx * ux + sy * uy) >= least_cosine * own):
             continue
         low, high = _interval_on(s, x0, y0, ux, uy, length)
-        if high <= low:
+        if not high > low:
             continue
         value = 1.0 - r / distance
         for k in range(int(low), min(int(high), cells - 1) + 1):
@@ -92,9 +92,9 @@ def contribution(segment: Float32Array, line: Array, distance: float, angle: flo
     x1, y1, x2, y2 = (float(v) for v in segment)
     length = float(np.hypot(x2 - x1, y2 - y1))
     r = abs(line[0] * (x1 + x2) / 2 + line[1] * (y1 + y2) / 2 + line[2])
-    if length == 0.0 or r > distance:
+    if not (length > 0.0 and r <= distance):
         return 0.0
     cosine = abs((x2 - x1) * -line[1] + (y2 - y1) * line[0]) / length
-    if cosine < np.cos(angle):
+    if not cosine >= np.cos(angle):
         return 0.0
     return float((1.0 - r / distance) * length * cosine)

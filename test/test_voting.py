@@ -78,6 +78,18 @@ def test_nothing_contributes_nothing() -> None:
     assert line_support(found, point, DISTANCE, ANGLE, np.zeros(4)) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_a_number_that_is_none_contributes_nothing(place: int, value: float) -> None:
+    segment = [60.0, 200.0, 100.0, 200.0]
+    segment[place] = value
+    good = (110.0, 200.0, 130.0, 200.0)
+    assert support(tuple(segment), good) == pytest.approx(20.0)  # type: ignore[arg-type]
+    line = np.array([0.0, 1.0, -200.0])
+    with np.errstate(invalid="ignore"):
+        assert contribution(np.array(segment, np.float32), line, DISTANCE, ANGLE) == 0.0
+
+
 def test_one_segment_and_an_infinite_line() -> None:
     line = np.array([0.0, 1.0, -200.0])
     segment = np.array([60, 203, 100, 203], np.float32)
