@@ -50,26 +50,27 @@ def fresh_bag(output: Path) -> Iterator[Path]:
     Raises:
         BagError: ``output`` is a file or a directory that is not empty, or cannot be written.
     """
-    if output.is_dir() and any(output.iterdir()):
-        raise BagError(f"{output} is not empty; give another --output or remove it first")
-    if output.exists() and not output.is_dir():
-        raise BagError(f"{output} is a file, expected a new directory; give another --output")
-    parent = output.absolute().parent
+    output = output.resolve()
     try:
-        parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=parent))
+        if output.is_dir() and any(output.iterdir()):
+            raise BagError(f"{output} is not empty; give another --output or remove it first")
+        if output.exists() and not output.is_dir():
+            raise BagError(f"{output} is a file, expected a new directory; give another --output")
+        output.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+        try:
+            # The bag's files carry its directory's name, so it has that name already.
+            yield scratch / output.name
+            if output.is_dir():
+                output.rmdir()
+            (scratch / output.name).replace(output)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
         raise BagError(
-            f"{parent} cannot be written to ({error.strerror}); give another --output"
+            f"{output} cannot be written ({error.strerror or error}); "
+            "give another --output, or make room"
         ) from error
-    try:
-        # The bag's files carry its directory's name, so it has that name already.
-        yield scratch / output.name
-        if output.is_dir():
-            output.rmdir()
-        (scratch / output.name).replace(output)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def write_bag(path: Path, factory: BagMessages, records: Iterable[Record]) -> None:

@@ -105,7 +105,7 @@ def simulate(
         output: directory of the bag, new or empty; its name becomes the bag's.
         overrides: ``key=value`` each, key dotted, value YAML.
         seed: wins over the scenario's.
-        progress: show a bar on stderr, or lines where that is no terminal.
+        progress: show a bar on stderr; where that is no terminal, its last line only.
 
     Returns:
         The directory of the bag.

@@ -18,9 +18,10 @@ from pipeline_tracker.errors import BagError, PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation import simulate
 from pipeline_tracker.simulation.recording import fresh_bag
+from pipeline_tracker.simulation.renderer import Renderer
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import load_scenario
-from pipeline_tracker.simulation.simulator import FIRST_STAMP_NS, Sea
+from pipeline_tracker.simulation.simulator import FIRST_STAMP_NS, Sea, build_sea
 
 from .conftest import SMALL
 
@@ -57,6 +58,16 @@ def read(bag: Path) -> list[tuple[str, int, Any]]:
 def test_the_same_seed_gives_the_same_bytes(bag: Path, tmp_path: Path) -> None:
     again = simulate("demo", tmp_path / "sea", SMALL, progress=False)
     assert content(again) == content(bag)
+
+
+def test_the_number_of_threads_changes_nothing(sea: Sea) -> None:
+    base = sea.motion.pose(0.0)
+    many = sea.renderer.render(base, 0)
+    alone = Renderer(sea.scenario, sea.scene, sea.renderer._water)
+    alone._threads = 1
+    once = alone.render(base, 0)
+    assert np.array_equal(many.light, once.light)
+    assert np.array_equal(many.coverage, once.coverage)
 
 
 def test_another_seed_gives_another_sea(bag: Path, tmp_path: Path) -> None:
@@ -191,8 +202,6 @@ def pose_of_imu(message: Any) -> Pose:
 
 def test_disparities_are_those_of_the_scene(small: Callable[..., Scenario]) -> None:
     # Image content, not geometry: the right image, moved by the true disparity, is the left one.
-    from pipeline_tracker.simulation.simulator import build_sea
-
     sea = build_sea(small("camera.width=640", "camera.height=432", "bed.resolution=0.025"))
     base = sea.motion.pose(1.0)
     left, right = (sea.renderer.render(base, n) for n in (0, 1))
@@ -276,6 +285,12 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="cannot be written"):
+        simulate("demo", tmp_path / "file" / "sea", SMALL, progress=False)
 
 
 def test_an_empty_directory_is_filled(tmp_path: Path) -> None:
