@@ -661,6 +661,18 @@ def test_progress_in_a_pipe_is_plain_lines() -> None:
     ]
 
 
+def test_progress_goes_on_when_nobody_reads_it() -> None:
+    class Closed(io.StringIO):
+        def write(self, _text: str) -> int:
+            raise BrokenPipeError
+
+    now = [0.0]
+    with ReplayProgress(9, Closed(), clock=lambda: now[0]) as progress:
+        for _ in range(9):
+            now[0] += 9.0
+            progress.advance()
+
+
 def test_progress_on_a_terminal_is_a_bar() -> None:
     class Terminal(io.StringIO):
         def isatty(self) -> bool:

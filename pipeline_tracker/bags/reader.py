@@ -270,7 +270,7 @@ def _of_directory(path: Path) -> list[Path]:
 
 
 def _described(error: Exception) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
+    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     if isinstance(error, (MemoryError, RecursionError)):
         text = f"{type(error).__name__} while reading"
     elif type(error).__module__.split(".")[0] != "rosbags":

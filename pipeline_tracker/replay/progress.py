@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
 from typing import TextIO
 
@@ -71,7 +72,10 @@ class ReplayProgress:
         elif now - self._told >= _PLAIN_EVERY:
             self._told = now
             left = max(0, self._total - self._done) / rate
-            self._stream.write(
-                f"{self._done} of {self._total} frames, {rate:.1f} frames/s, {left:.0f} s left\n"
-            )
-            self._stream.flush()
+            # Whoever read the lines may be gone; the replay goes on.
+            with suppress(BrokenPipeError):
+                self._stream.write(
+                    f"{self._done} of {self._total} frames, {rate:.1f} frames/s, "
+                    f"{left:.0f} s left\n"
+                )
+                self._stream.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import signal
 import sys
@@ -228,9 +229,10 @@ def _writing(output: Path) -> Iterator[None]:
     except PipelineTrackerError:
         raise
     except OSError as error:
+        room = "make room there, or " if error.errno == errno.ENOSPC else ""
         raise BagError(
-            f"{output}: cannot be written ({error.strerror or error}); make room there, or name "
-            "another directory with --output"
+            f"{output}: cannot be written ({error.strerror or error}); {room}name another "
+            "directory with --output"
         ) from None
 
 

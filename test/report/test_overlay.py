@@ -75,7 +75,7 @@ def test_each_thing_has_its_place_and_colour() -> None:
     # 500 * 0.1 / 2 right of the centre, and 500 * 0.2 / 2 less of it in the right image.
     assert colour_at(picture, 319.5 + 25, 239.5) == _AXIS
     assert colour_at(picture, 640 + 319.5 - 25, 239.5) == _AXIS
-    assert (picture[:40, :200] == 255).any(), "there are words"
+    assert (picture[:40, :200] > 150).any(), "there are words"
 
 
 def test_mono_is_one_image_and_nothing_found_has_no_lines() -> None:
