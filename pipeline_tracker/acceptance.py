@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline_tracker.support import Support
 from pipeline_tracker.types import Contours
@@ -19,6 +20,10 @@ STRONG_GAIN, STRONG_FACE_SHARE = 1.3, 0.92
 ALONE_CONTOUR_SHARE = 0.35
 # A contour that is supported along half of its length is all that can be hoped for in the sea.
 FULL_CONTOUR_SHARE = 0.5
+
+# What an autopilot may steer by: standard deviations of left and up for each metre of distance, and
+# at least; of heading and pitch.
+_OFFSET_PER_METRE, _LEAST_OFFSET, _ANGLE = 0.0125, 0.025, 0.026
 
 _LEFT_PAIR = Contours.LEFT_IMAGE_LEFT | Contours.LEFT_IMAGE_RIGHT
 _RIGHT_PAIR = Contours.RIGHT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT
@@ -60,8 +65,29 @@ def refusal(support: Support, stereo: bool) -> str:
 
 
 def _refused_by_surface(support: Support) -> str:
-    if not (support.face_share >= LEAST_FACE_SHARE and support.face_gain >= LEAST_GAIN):
+    shaped = support.face_share >= LEAST_FACE_SHARE and support.face_gain >= LEAST_GAIN
+    # A short baseline or a wide angle makes cylinder and plane alike within the noise; where the
+    # contours are good, it is enough that the surface does not speak against them.
+    fitting = (
+        support.contour_share >= GOOD_CONTOUR_SHARE
+        and support.face_share >= GOOD_LEAST_FACE_SHARE
+        and support.face_gain >= GOOD_LEAST_GAIN
+    )
+    if not shaped and not fitting:
         return "surface_not_a_pipe"
     strong = support.face_share > STRONG_FACE_SHARE and support.face_gain > STRONG_GAIN
     least = LEAST_CONTOUR_SHARE * (0.5 if strong else 1.0)
     return "" if support.contour_share >= least else "too_little_contour"
+
+
+def too_uncertain(covariance: NDArray[np.float64], distance: float) -> bool:
+    """Tell whether an axis is known too poorly to steer by, however well it fits.
+
+    Args:
+        covariance: 4 x 4: left, up in m, heading, pitch in rad.
+        distance: of the axis from the camera, m.
+    """
+    sigmas = np.sqrt(np.diag(covariance))
+    offset = max(_LEAST_OFFSET, _OFFSET_PER_METRE * distance)
+    # Written so that NaN is too uncertain.
+    return not bool((sigmas[:2] < offset).all() and (sigmas[2:] < _ANGLE).all())

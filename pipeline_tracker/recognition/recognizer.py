@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.acceptance import refusal, score, support_share
+from pipeline_tracker.acceptance import refusal, score, support_share, too_uncertain
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.geometry.pose import Pose
@@ -71,7 +71,10 @@ class Recognizer:
         wanted = self._settings.recognition.technique
         technique = _JOINT_FIT if wanted == "auto" else wanted
         axis, covariance = best.axis, best.covariance
-        if technique != _JOINT_FIT:
+        if technique == _JOINT_FIT:
+            if too_uncertain(covariance, float(np.linalg.norm(axis.point))):
+                return none
+        else:
             solved = solve_by_technique(
                 technique, frame, surface, best.axis, self._radius, self._vertical
             )

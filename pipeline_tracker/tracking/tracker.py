@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.acceptance import refusal, score, support_share
+from pipeline_tracker.acceptance import refusal, score, support_share, too_uncertain
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.geometry.pose import Pose
@@ -221,6 +221,8 @@ class Tracker:
             if best is None or score(support) > score(best.support):
                 best = found
             refused = refusal(support, frame.rig.right is not None)
+            if too_uncertain(found.covariance, float(np.linalg.norm(fit.axis.point))):
+                refused = refused or "too_uncertain"
             if not refused and self._bears(found):
                 return found, ""
             reason = refused or "too_little_support"
