@@ -172,6 +172,22 @@ def default_yaml() -> str:
     return "\n".join(lines) + "\n"
 
 
+def settings_table() -> str:
+    """Return the README's table of all settings (Markdown)."""
+    lines = ["| setting | default | range, unit | meaning |", "|---|---|---|---|"]
+    for row in describe_settings():
+        if row.required:
+            default = "must be given"
+        elif row.default is None:
+            default = "from /tf_static"
+        else:
+            value = yaml.safe_dump(row.default, default_flow_style=True).split("\n")[0]
+            default = f"`{value}`" if value != "''" else "empty"
+        words = ", ".join(filter(None, (row.range, row.unit)))
+        lines.append(f"| `{row.key}` | {default} | {words} | {row.description} |")
+    return "\n".join(lines) + "\n"
+
+
 def _read_file(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as stream:
@@ -331,4 +347,4 @@ def shown(value: Any) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(default_yaml())
+    sys.stdout.write(settings_table() if "table" in sys.argv[1:] else default_yaml())
