@@ -96,7 +96,8 @@ def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting
         mounting: base_link <- left optical frame.
 
     Returns:
-        (h, w, 3) uint8, blue green red: left and right image side by side with all segments (thin),
+        (h, w, 3) uint8, blue green red: left and right image side by side, their grey levels spread
+        where they are few, with all segments (thin),
         the fitted contours (thick; one colour for the left one along travel, another for the right
         one), the axis piece with an arrow ahead, and the numbers.
     """
@@ -106,10 +107,12 @@ def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting
     if right is not None and rig.right is not None:
         images.append((right, rig.right, result.vectorized.right_segments))
     for number, (image, camera, segments) in enumerate(images):
-        panel: Picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        panel: Picture = np.asarray(
+            cv2.cvtColor(_stretched(image), cv2.COLOR_GRAY2BGR), dtype=np.uint8
+        )
         width = max(1, round(camera.width / 600))
         for x1, y1, x2, y2 in np.asarray(segments, dtype=np.float64):
-            _line(panel, (x1, y1), (x2, y2), _SEGMENTS, max(1, width // 2))
+            _line(panel, (x1, y1), (x2, y2), _SEGMENTS, 1)
         if segment is not None and segment.found:
             _draw_contours(panel, segment, number, 2 * width)
             _draw_axis(panel, segment, camera, mounting, 2 * width)
@@ -121,6 +124,16 @@ def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting
         small = cv2.resize(joined, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         joined = np.asarray(small, dtype=np.uint8)
     return joined
+
+
+def _stretched(image: Image) -> Image:
+    """Spread the grey levels of a dark or hazy picture for the eye."""
+    low, high = (float(v) for v in np.percentile(image, (0.5, 99.5)))
+    # More would show the noise, and a uniform picture has nothing to spread.
+    gain = min(3.0, 230.0 / max(high - low, 1.0)) if high - low > 10.0 else 1.0
+    if gain <= 1.0:
+        return image
+    return np.asarray(np.clip((image - low) * gain + 10.0, 0.0, 255.0), dtype=np.uint8)
 
 
 def _draw_contours(panel: Picture, segment: PipeSegment, image: int, width: int) -> None:

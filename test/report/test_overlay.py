@@ -107,6 +107,14 @@ def test_wide_pictures_are_made_smaller() -> None:
     assert draw_overlay(image, image, found, MOUNTING).shape == (800, 2400, 3)
 
 
+def test_dark_pictures_are_made_brighter_for_the_eye() -> None:
+    dark = np.tile(np.linspace(20, 80, 640), (480, 1)).astype(np.uint8)
+    picture = draw_overlay(dark, dark, result(found=False), MOUNTING)
+    row = picture[450, :640, 0].astype(int)
+    assert (row[0], row[-1]) == (10, pytest.approx(190, abs=3))
+    assert (np.diff(row) >= 0).all()
+
+
 def test_keeper_keeps_the_best_and_the_middle(tmp_path: Path) -> None:
     keeper = OverlayKeeper(MOUNTING, frame_count=9)
     for index in range(9):
