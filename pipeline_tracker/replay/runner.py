@@ -193,6 +193,12 @@ class _Run:
         row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
         table.write(frame.epoch, row)
         self.summary.add(row, has_pose=pose is not None)
+        vectorization = 1e3 * done.vectorized.processing_time
+        self.summary.add_times(
+            vectorization / (1 if frame.right is None else 2),
+            spent - vectorization,
+            "tracking" if done.recognition is None else "recognition",
+        )
         result.write(frame, done.vectorized, done.recognition, status, segment, state, pose)
         self._overlay.take(frame.left, frame.right, done)
 

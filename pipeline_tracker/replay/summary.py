@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS
 from pipeline_tracker.replay.input import InputCounts
@@ -13,6 +14,8 @@ from pipeline_tracker.settings import Settings
 # So many stretches without the pipe, and reasons, are told one by one.
 _SHOWN = 5
 _MOST_REASONS = 50
+# Medians are those of the last frames: memory does not grow with the bag.
+_TIMED = 1000
 _IN_WORDS = {
     "no_right_image": "no right image within sync.tolerance",
     "no_left_image": "no left image within sync.tolerance",
@@ -51,6 +54,7 @@ class ReplaySummary:
     distance_along: float = 0.0
     interrupted: bool = False
     seconds: float = 0.0
+    _times: dict[str, deque[float]] = field(default_factory=dict)
     _open: Stretch | None = None
     _start_ns: int | None = None
     _chainage: tuple[float, float] | None = None
@@ -82,6 +86,17 @@ class ReplaySummary:
         reason = row.get("reason", "") or "no reason given"
         self._miss(stamp, reason)
 
+    def add_times(self, vectorization_ms: float, rest_ms: float, mode: str) -> None:
+        """Take in what a frame took.
+
+        Args:
+            vectorization_ms: for one image, ms.
+            rest_ms: all other steps, ms.
+            mode: "tracking" where a track was followed, else "recognition".
+        """
+        for step, spent in (("vectorization", vectorization_ms), (mode, rest_ms)):
+            self._times.setdefault(step, deque(maxlen=_TIMED)).append(spent)
+
     def _follow(self, chainage: float) -> None:
         low, high = self._chainage or (chainage, chainage)
         self._chainage = min(low, chainage), max(high, chainage)
@@ -112,6 +127,7 @@ class ReplaySummary:
         """Return the summary for a person: what, where lost and why, where it is, what next."""
         lines = [self._headline(bag)]
         lines += [f"  {line}" for line in self._about_states()]
+        lines += [f"  {line}" for line in self._about_times()]
         lines += [f"  {line}" for line in self._about_stretches()]
         lines += [f"  {line}" for line in self._about_poses(settings, counts)]
         lines += [f"  {line}" for line in _about_input(counts)]
@@ -146,6 +162,19 @@ class ReplaySummary:
         if self.distance_along > 0.0:
             lines.append(f"followed over {self.distance_along:.2f} m of pipe")
         return lines
+
+    def _about_times(self) -> list[str]:
+        names = {
+            "vectorization": "vectorization of an image",
+            "tracking": "tracking step",
+            "recognition": "recognition",
+        }
+        parts = [
+            f"{name} {median(self._times[step]):.0f} ms"
+            for step, name in names.items()
+            if step in self._times
+        ]
+        return ["time (medians): " + ", ".join(parts)] if parts else []
 
     def _about_stretches(self) -> list[str]:
         lines = []
