@@ -104,8 +104,16 @@ def compiled() -> None:
     warm_up(load_settings(None, list(Scene.settings)))
 
 
+@pytest.fixture(scope="session")
+def transport() -> None:
+    """Shared memory that holds the images that the tests publish, as camera drivers need it."""
+    from pipeline_tracker.nodes.process import prepare_transport
+
+    prepare_transport(local=True)
+
+
 @pytest.fixture
-def domain() -> Iterator[int]:
+def domain(transport: None) -> Iterator[int]:  # noqa: ARG001
     """A ROS domain that no other test on this computer uses meanwhile."""
     directory = Path(tempfile.gettempdir()) / f"pipeline_tracker_domains_{os.getuid()}"
     directory.mkdir(exist_ok=True)
