@@ -15,7 +15,10 @@ from pipeline_tracker.surface import SurfacePoints
 Array = NDArray[np.float64]
 
 _DIRECTIONS = 60
-_ELEVATIONS = (-0.2, 0.0, 0.2)
+_ELEVATIONS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+# Between two of the directions tried, the pipe's surface is off by some centimetres at the ends of
+# the view: a point counts that is no further off than this share of r, be it ever so exact.
+_TOLERANCE_SHARE = 0.15
 # Only what rises this far to each side of the axis is taken for the face, as a share of r.
 _STRIP_SHARE = 0.85
 _LEAST_VOTES = 8
@@ -164,7 +167,7 @@ def vote_for_cylinders(
     if surface.points.shape[0] < 2 * _LEAST_VOTES:
         return []
     _, normal = dominant_plane(surface.points, surface.depth_sigmas)
-    tolerance = np.maximum(2.5 * surface.depth_sigmas, 0.06 * radius)
+    tolerance = np.maximum(2.5 * surface.depth_sigmas, _TOLERANCE_SHARE * radius)
     # A depth as uncertain as the radius says nothing of its shape.
     usable = tolerance < 0.7 * radius
     points, tolerance = surface.points[usable], tolerance[usable]

@@ -1,0 +1,88 @@
+"""Cylinders of known radius found by surface points alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from synthetic_world import DOWN, RIG, Diver, Look, World, level_pose
+
+from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.recognition.surface_vote import dominant_plane, vote_for_cylinders
+from pipeline_tracker.surface import SurfacePoints, triangulate
+
+Array = NDArray[np.float64]
+
+
+def surface_of(world: World) -> SurfacePoints:
+    frame = Diver(world, look=Look(spacing=40)).frame(level_pose())
+    return triangulate(frame.matches, RIG)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.12])
+@pytest.mark.parametrize("heading", [0.0, 0.5, 1.0, 1.57, 2.2, 3.0])
+def test_the_pipe_is_among_the_hypotheses(heading: float, slope: float) -> None:
+    world = World.with_pipe(heading=heading, slope=slope, aside=0.2)
+    found = vote_for_cylinders(surface_of(world), 0.3)
+    scores = [score for _, score in found]
+    assert scores == sorted(scores, reverse=True)
+    # A start for a fit that catches 10 cm and 3 degrees or more, within 0.5 m of the middle. A flat
+    # bed may have more votes: a buried cylinder is nearly flat, and the fit tells them apart.
+    assert any(is_near(axis, world) for axis, _ in found[:5])
+
+
+def is_near(axis: Axis, world: World) -> bool:
+    assert world.pipe is not None
+    ends = DOWN.apply(np.stack([axis.at(t) for t in (-0.5, 0.5)]))
+    cosine = abs(float(DOWN.rotate(axis.direction) @ world.pipe.direction))
+    return float(world.pipe.from_axis(ends).max()) < 0.12 and cosine > math.cos(math.radians(6.0))
+
+
+def test_a_thinner_pipe_gets_fewer_votes_than_one_of_the_radius() -> None:
+    right = vote_for_cylinders(surface_of(World.with_pipe()), 0.3)[0][1]
+    thin = World.with_pipe(radius=0.1, height=2.2)
+    votes = [score for _, score in vote_for_cylinders(surface_of(thin), 0.3)]
+    assert max(votes, default=0.0) < 0.8 * right
+
+
+def test_too_few_or_too_poor_points_give_no_hypothesis() -> None:
+    surface = surface_of(World.with_pipe())
+    few = surface.subset(np.arange(len(surface.points)) < 10)
+    assert vote_for_cylinders(few, 0.3) == []
+    poor = SurfacePoints(
+        surface.points,
+        surface.rays,
+        np.full(len(surface.points), 0.2),
+        surface.left_pixels,
+        surface.right_pixels,
+    )
+    assert vote_for_cylinders(poor, 0.3) == []
+
+
+def test_no_more_hypotheses_than_asked_for_and_none_twice() -> None:
+    found = vote_for_cylinders(surface_of(World.with_pipe()), 0.3, most=3)
+    assert len(found) <= 3
+    for k, (axis, _) in enumerate(found):
+        for other, _ in found[k + 1 :]:
+            gap = np.linalg.norm(np.cross(axis.point - other.point, other.direction))
+            assert abs(axis.direction @ other.direction) <= 0.97 or gap >= 0.3
+
+
+def test_the_dominant_plane_is_the_bed_under_the_pipe() -> None:
+    random = np.random.default_rng(2)
+    normal = np.array([0.2, -0.1, -1.0])
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, [1.0, 0.0, 0.0])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    place = random.uniform(-1.0, 1.0, (400, 2))
+    bed = np.array([0.0, 0.0, 2.5]) + place[:, :1] * first + place[:, 1:] * second
+    bed += 0.004 * random.normal(size=(400, 1)) * normal
+    # Up to 60 cm of pipe stand on a quarter of it.
+    rise = random.uniform(0.1, 0.6, (100, 1))
+    points = np.concatenate((bed, bed[:100] + rise * normal))
+    centre, found = dominant_plane(points, np.full(len(points), 0.005))
+    assert found @ normal > math.cos(math.radians(1.5))
+    assert abs((centre - bed.mean(axis=0)) @ normal) < 0.02
