@@ -144,7 +144,5 @@ def vote(frame: VectorizedStereo, axes: list[Axis], radius: float) -> Array:
     segments = (frame.left_segments, frame.right_segments)
     for number, camera in enumerate(frame.rig.cameras):
         distance = max(DISTANCE * camera.width / REFERENCE_WIDTH, 2.5)
-        _vote_all(
-            table, radius, _numbers(camera), segments[number], distance, ANGLE, REACH, totals
-        )
+        _vote_all(table, radius, _numbers(camera), segments[number], distance, ANGLE, REACH, totals)
     return totals

@@ -93,6 +93,4 @@ def interpolate(before: Pose, after: Pose, fraction: float) -> Pose:
     """
     rotations = Rotation.from_matrix(np.stack((before.rotation, after.rotation)))
     rotation = Slerp([0.0, 1.0], rotations)([fraction]).as_matrix()[0]
-    return Pose(
-        rotation, before.translation + fraction * (after.translation - before.translation)
-    )
+    return Pose(rotation, before.translation + fraction * (after.translation - before.translation))
