@@ -129,6 +129,9 @@ def _direction_of_contour(
     measured = rays_to_axis(surface.rays, camera, axis)
     pixels = (measured[:, 0] - radius) * camera.fx / np.maximum(measured[:, 1], 0.1)
     near = np.abs(pixels) < 3.0 * max(1.0, camera.width / REFERENCE_WIDTH)
+    # Beside the contour the bed is seen, far behind it.
+    _, distance = distances_from_axis(surface.points, axis)
+    near &= np.abs(distance - radius) < 4.0 * point_sigmas(surface, axis)
     points = surface.points[near]
     if len(points) < 6:
         return None

@@ -121,9 +121,10 @@ class World:
         slope: float = 0.0,
         radius: float = 0.3,
         curvature: float = 0.0,
+        ahead: float = 0.0,
     ) -> World:
-        """A pipe that rests on a flat bed; its axis passes ``height`` m below odom's origin."""
-        point = np.array([0.0, aside, -height])
+        """A pipe that rests on a flat bed; its axis passes (ahead, aside, -height) in odom."""
+        point = np.array([ahead, aside, -height])
         return cls(Bed(-height - radius), Pipe(point, heading, slope, radius, curvature))
 
     def clearance(self, points: Array) -> Array:
