@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -25,7 +26,9 @@ CHECKS = {
     "mypy": ("mypy", ["-m", "mypy"]),
     "import-linter": (
         "importlinter",
-        ["-c", "from importlinter.cli import lint_imports_command as main; main()"],
+        # Without site, so that the finder of an editable install does not offer the tree as a
+        # second place of the package.
+        ["-S", "-c", "from importlinter.cli import lint_imports_command as main; main()"],
     ),
 }
 
@@ -38,7 +41,8 @@ def test_the_code_keeps_the_rules(check: str) -> None:
     if module == "mypy" and np.lib.NumpyVersion(np.__version__) < "2.4.0":
         pytest.skip(f"types are checked by those of NumPy 2.4 or newer, here is {np.__version__}")
     # import-linter looks for the package where Python does; it must be this tree's.
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1"}
+    places = [str(ROOT), *{sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(places), "PYTHONSAFEPATH": "1"}
     result = subprocess.run(
         [sys.executable, *arguments],
         cwd=ROOT,
