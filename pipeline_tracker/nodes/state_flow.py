@@ -14,6 +14,7 @@ from pipeline_tracker.nodes.live_clock import LiveClock, Mark
 from pipeline_tracker.nodes.timeline import Step, Timeline
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.settings import Settings
+from pipeline_tracker.tracking.tracker import NO_POSE
 from pipeline_tracker.types import PipeSegment, RelativeState, State, TrackingStatus
 
 # Statuses and segments held at most.
@@ -67,6 +68,7 @@ class StateFlow:
         """
         self._estimator = estimator
         self._poses = PoseBuffer(settings.pose.max_gap)
+        self._no_poses = PoseBuffer(settings.pose.max_gap)
         self._pose_wait = settings.pose.wait
         self._clock = clock
         self._publish = publish
@@ -130,7 +132,8 @@ class StateFlow:
     def _is_complete(self, status: TrackingStatus, since: Mark) -> bool:
         waited = self._clock.since(since)
         has_segment = status.state is State.SEARCHING or status.stamp_ns in self._segments
-        has_pose = self._poses.settled(status.stamp_ns) or waited >= self._pose_wait
+        settled = _has_no_pose(status) or self._poses.settled(status.stamp_ns)
+        has_pose = settled or waited >= self._pose_wait
         return (has_segment or waited >= SEGMENT_WITHIN) and has_pose
 
     def _finish(self) -> None:
@@ -140,8 +143,20 @@ class StateFlow:
         if segment is None and status.state is not State.SEARCHING:
             self._dropped("segment_missing", f"stamp {status.stamp_ns} ns")
             status = replace(status, state=State.SEARCHING, support=0.0)
-        state = self._estimator.update(status, segment, self._poses)
-        self._publish(FrameState(status, segment, state, self._poses.at(status.stamp_ns)))
+        # A frame that the tracker took without a pose stands alone here too.
+        poses = self._no_poses if _has_no_pose(status) else self._poses
+        try:
+            state = self._estimator.update(status, segment, poses)
+        except Exception as error:  # noqa: BLE001 - no frame may end the node
+            self._dropped("internal_error", f"{type(error).__name__}: {error}")
+            self._estimator.reset()
+            segment = None
+            state = RelativeState(status.stamp_ns, False, 0.0, status.reset_counter)
+        self._publish(FrameState(status, segment, state, poses.at(status.stamp_ns)))
+
+
+def _has_no_pose(status: TrackingStatus) -> bool:
+    return status.reason.startswith(NO_POSE)
 
 
 class OutputWatch:

@@ -10,6 +10,7 @@ import fcntl
 import itertools
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -124,8 +125,20 @@ def domain(transport: None) -> Iterator[int]:  # noqa: ARG001
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            yield number
-            return
+            if is_quiet(number):
+                yield number
+                return
+
+
+def is_quiet(number: int) -> bool:
+    """Whether nobody is in a ROS domain: the ports of its first participants are free."""
+    for participant in range(20):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * number + 2 * participant))
+            except OSError:
+                return False
+    return True
 
 
 class Talker:
@@ -399,6 +412,17 @@ class Bench:
         return process
 
 
+# A process that has been started ends with the tests, also when these are killed: then its
+# standard input closes.
+END_WITH_PARENT = """
+import os, threading
+def watch():
+    os.read(0, 1)
+    os._exit(9)
+threading.Thread(target=watch, daemon=True).start()
+"""
+
+
 class Process:
     """A Python process of its own, with its output in files."""
 
@@ -408,8 +432,8 @@ class Process:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
         with self.out.open("w") as out, self.err.open("w") as err:
             self.popen = subprocess.Popen(
-                [sys.executable, "-c", code],
-                stdin=subprocess.DEVNULL,
+                [sys.executable, "-c", END_WITH_PARENT + code],
+                stdin=subprocess.PIPE,
                 stdout=out,
                 stderr=err,
                 env=environment,
@@ -440,6 +464,8 @@ class Process:
         if self.popen.poll() is None:
             self.popen.kill()
             self.popen.wait()
+        assert self.popen.stdin is not None
+        self.popen.stdin.close()
 
 
 @pytest.fixture

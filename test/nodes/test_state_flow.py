@@ -112,6 +112,36 @@ def test_a_pose_that_does_not_come_is_done_without() -> None:
     assert not frame.state.motion_observed
 
 
+def test_a_frame_that_was_tracked_without_a_pose_stands_alone() -> None:
+    desk = Desk()
+    desk.pose(*(0.5 * k for k in range(40)))
+    desk.flow.add_segment(segment(10.0))
+    desk.flow.add_status(replace(status(10.0), reason="no_pose"))
+    # Nor is a pose waited for.
+    desk.flow.add_segment(segment(100.0))
+    desk.flow.add_status(replace(status(100.0), reason="no_pose"))
+    assert desk.stamps == [10.0, 100.0]
+    assert all(frame.state.valid for frame in desk.out)
+    assert not any(frame.state.motion_observed for frame in desk.out)
+
+
+def test_an_estimator_that_fails_costs_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    desk = Desk()
+    desk.pose(9.0, 20.0)
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("boom")
+
+    desk.flow.add_segment(segment(10.0))
+    with monkeypatch.context() as patch:
+        patch.setattr(RelativeStateEstimator, "update", fail)
+        desk.flow.add_status(status(10.0))
+    desk.flow.add_segment(segment(11.0))
+    desk.flow.add_status(status(11.0))
+    assert [frame.state.valid for frame in desk.out] == [False, True]
+    assert desk.drops == ["internal_error"]
+
+
 def test_a_segment_that_does_not_come_makes_the_state_invalid() -> None:
     desk = Desk()
     desk.pose(9.0, 10.0)
