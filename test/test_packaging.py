@@ -161,6 +161,11 @@ def test_share_directory_is_found_by_ros(monkeypatch: pytest.MonkeyPatch) -> Non
     assert (tracker / "launch/pipeline_tracker.launch.py").is_file()
 
 
+def test_the_package_is_one_directory() -> None:
+    # An editable install of files that lie elsewhere would put these places beside it.
+    assert len(list(pipeline_tracker.__path__)) == 1
+
+
 def test_one_version_everywhere() -> None:
     versions = {
         ET.parse(directory / "package.xml").findtext("version") for directory in (PACKAGE, MESSAGES)
