@@ -461,7 +461,11 @@ class Process:
         return code, time.monotonic() - started
 
     def close(self) -> None:
-        if self.popen.poll() is None:
+        # By a signal that it can answer: what is killed leaves its shared memory behind.
+        self.popen.terminate()
+        try:
+            self.popen.wait(DEADLINE)
+        except subprocess.TimeoutExpired:
             self.popen.kill()
             self.popen.wait()
         assert self.popen.stdin is not None
