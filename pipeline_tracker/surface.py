@@ -99,9 +99,12 @@ def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
         rig: the two cameras.
 
     Returns:
-        The points before the cameras; matches without a positive disparity are left out.
+        The points before the cameras; matches without a positive disparity are left out, and those
+        that are not inside the images.
     """
     found = matches.astype(np.float64)
+    size = np.tile([rig.left.width, rig.left.height], 2)
+    found = found[((found > -1.0) & (found < size)).all(axis=1)]
     if rig.right is None or found.shape[0] == 0:
         none = np.zeros((0, 3))
         return SurfacePoints(none, none, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))

@@ -64,6 +64,17 @@ def test_no_disparity_is_no_point() -> None:
     assert surface.points[0, 2] == pytest.approx(930.0 * 0.2 / 40.0)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30, -50.0, 1300.0])
+@pytest.mark.parametrize("place", range(4))
+def test_matches_outside_the_images_are_left_out(place: int, value: float) -> None:
+    points = some_points(40)
+    matches = seen(points)
+    matches[7, place] = value
+    surface = triangulate(matches, RIG)
+    assert np.allclose(surface.points, np.delete(points, 7, axis=0), atol=2e-5)
+    assert np.isfinite(surface.depth_sigmas).all()
+
+
 def test_mono_and_no_matches_have_no_surface() -> None:
     for matches, rig in ((seen(some_points(5)), MONO), (np.zeros((0, 4), np.float32), RIG)):
         surface = triangulate(matches, rig)

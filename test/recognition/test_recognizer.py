@@ -209,6 +209,24 @@ def test_the_same_frame_gives_the_same_bits() -> None:
         assert other.support == answers[0].support
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_numbers_that_are_none_do_no_harm(value: float) -> None:
+    diver = pipes(heading=0.3)
+    frame = diver.frame(level_pose())
+    bad = np.full((3, 4), value, np.float32)
+    bad[1, :2] = 100.0
+    spoilt = replace(
+        frame,
+        left_segments=np.concatenate((frame.left_segments, bad)),
+        right_segments=np.concatenate((bad, frame.right_segments)),
+        matches=np.concatenate((frame.matches, bad)),
+    )
+    with np.errstate(invalid="ignore", over="ignore"):
+        found = Recognizer(settings(), DOWN).recognize(spoilt)
+    assert found.found
+    assert diver.errors(found, level_pose())[0] < 0.01
+
+
 @pytest.mark.parametrize("rig", [RIG, MONO], ids=["stereo", "mono"])
 def test_an_empty_frame_has_no_pipe(rig: object) -> None:
     cameras = RIG if rig is RIG else MONO
