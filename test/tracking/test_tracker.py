@@ -464,3 +464,23 @@ def test_a_short_way_astern_turns_nothing() -> None:
         frame = swim.step(0.6 * k, level_pose(x=x))
         assert frame.segment is not None
         assert (frame.segment.end - frame.segment.start)[0] > 0.0
+
+
+def test_what_the_recognizer_finds_is_turned_along_travel_as_well() -> None:
+    look = replace(LOOK, seen=(0.85, 0.85, 0.85, 0.0), clutter=0)
+    swim = Swim(diver(look, heading=0.2), recognition_only=True)
+    frames = [swim.step(0.6 * k, level_pose(x=-0.3 * k), seed=1) for k in range(5)]
+    before, after = frames[2].segment, frames[4].segment
+    assert before is not None
+    assert after is not None
+    assert (before.end - before.start)[0] > 0.4
+    assert (after.end - after.start)[0] < -0.4
+    assert before.visible_contours == ALL & ~Contours.RIGHT_IMAGE_RIGHT
+    assert after.visible_contours == ALL & ~Contours.RIGHT_IMAGE_LEFT
+    # Against the recognizer's own answer: left and right lines change places, left and pitch signs.
+    own = swim.recognizer.recognize(swim.diver.frame(level_pose(x=-1.2), 0, 1))
+    assert np.array_equal(own.start, after.end)
+    assert np.array_equal(own.end, after.start)
+    assert np.array_equal(after.contours, own.contours[[1, 0, 2]])
+    signs = np.array([-1.0, 1.0, 1.0, -1.0])
+    assert np.allclose(after.covariance, own.covariance * np.outer(signs, signs))
