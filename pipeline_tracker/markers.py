@@ -101,7 +101,7 @@ def markers_message(
     marker that deletes them.
     """
     header = header_message(factory, status.stamp_ns, base_link)
-    if segment is None or not segment.found or status.state == State.SEARCHING:
+    if segment is None or status.state == State.SEARCHING:
         gone = _marker(factory, header, 0, _SPHERE, Pose.identity(), (0, 0, 0), (0, 0, 0, 0))
         gone.action = _DELETE_ALL
         return factory.message("visualization_msgs/msg/MarkerArray", markers=[gone])

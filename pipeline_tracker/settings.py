@@ -97,7 +97,7 @@ class SyncSettings(Section):
         0.002, "Left and right belong together within this time", unit="s", ge=0, le=1
     )
     max_wait: float = _setting(
-        1.0, "An image waits this long for its partner (stamp time)", unit="s", gt=0, le=60
+        5.0, "An image waits this long for its partner (stamp time)", unit="s", gt=0, le=60
     )
     queue: int = _setting(8, "Images held at most for each camera", ge=1, le=100)
 

@@ -69,7 +69,7 @@ def estimate_row(
         "side": state.side.name.lower(),
         "processing_ms": f"{processing_ms:.3f}",
     }
-    if segment is None or not segment.found or status.state == State.SEARCHING:
+    if segment is None or status.state == State.SEARCHING:
         return row
     row["mode"] = segment.mode.name.lower()
     row["technique"] = str(int(segment.technique))

@@ -128,7 +128,10 @@ def _match(
 def pyramid(image: Image) -> tuple[Image, Image, Image]:
     """Return an image at full, half and quarter size, each contiguous uint8."""
     half = np.ascontiguousarray(shrink(image, 2))
-    return np.ascontiguousarray(image), half, np.ascontiguousarray(shrink(half, 2))
+    # One kind of array for all sizes, as images of messages are: one compilation.
+    full = np.ascontiguousarray(image).view()
+    full.flags.writeable = False
+    return full, half, np.ascontiguousarray(shrink(half, 2))
 
 
 def grid_points(width: int, height: int, spacing: int) -> NDArray[np.int64]:

@@ -54,14 +54,14 @@ class Vectorizer:
             Segments of both images from fine to coarse, matches and thumbnails.
         """
         start = time.perf_counter()
-        left = np.ascontiguousarray(left)
+        left = _read_only(left)
         left_segments = self._segments(left)
         if right is None:
             right_segments = np.zeros((0, 4), np.float32)
             matches = np.zeros((0, 4), np.float32)
             right_thumbnail = np.zeros((0, 0), np.uint8)
         else:
-            right = np.ascontiguousarray(right)
+            right = _read_only(right)
             right_segments = self._segments(right)
             matches = self._matches(left, right, left_segments)
             right_thumbnail = thumbnail(right)
@@ -106,6 +106,16 @@ class Vectorizer:
         )
         points = np.concatenate((grid_points(width, height, spacing), along))
         return to_full_size(match_points(small_left, small_right, points), factor)
+
+
+def _read_only(image: Image) -> Image:
+    """Return a contiguous view that cannot be written to.
+
+    Kernels are compiled anew for each kind of array; images of messages are of this kind anyway.
+    """
+    view = np.ascontiguousarray(image).view()
+    view.flags.writeable = False
+    return view
 
 
 def _working_factor(width: int) -> int:
