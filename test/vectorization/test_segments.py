@@ -71,6 +71,19 @@ def test_thresholds_come_from_the_picture(degrees: float) -> None:
             assert found > 0.85 * bar.visible_length(side)
 
 
+@pytest.mark.parametrize("contrast", [1.0, 0.3])
+def test_grain_between_strong_edges_is_none_at_any_contrast(contrast: float) -> None:
+    # Stripes of 60 px at 0.3 rad with grain: the edges alone are among the strongest.
+    ys, xs = np.mgrid[0:240, 0:320].astype(np.float64)
+    phase = 2.0 * math.pi / 60.0 * (ys * math.cos(0.3) - xs * math.sin(0.3))
+    grain = np.random.default_rng(1).normal(0.0, 14.0, xs.shape)
+    grey = 125.0 + contrast * (60.0 * np.tanh(10.0 * np.sin(phase)) + grain)
+    segments = segments_of(np.asarray(np.clip(np.rint(grey), 0, 255), np.uint8))
+    step = (segments[:, 2:] - segments[:, :2]).astype(np.float64)
+    along = np.abs(step @ [-math.sin(0.3), math.cos(0.3)]) < 0.1 * lengths(segments)
+    assert lengths(segments[along]).sum() > 0.99 * lengths(segments).sum() > 2000.0
+
+
 def test_a_corner_splits_a_broken_line() -> None:
     image = np.full((120, 160), 60, np.uint8)
     image[30:90, 40:120] = 190
