@@ -295,10 +295,16 @@ class Vehicle:
         return self.talker.wait(lambda: self.state(stamp), f"relative state of frame {k}")
 
     def approach(self, k: int, within: float = 120.0) -> Any:
-        """Publish frame k until its relative state comes: the nodes may still be starting."""
+        """Publish frame k until its relative state comes: the nodes may still be starting.
+
+        A little later each time: a stamp that a node has had before is dropped, and what it said
+        of it may have been lost on a node that did not listen yet.
+        """
         deadline = time.monotonic() + within
+        shift = 0
         while True:
-            stamp = self.frame(k)
+            stamp = self.frame(k, shift_ns=shift)
+            shift += 1_000_000
             with contextlib.suppress(AssertionError):
                 return self.talker.wait(partial(self.state, stamp), "", within=2.0)
             assert time.monotonic() < deadline, f"not within {within:g} s: a first state"
