@@ -29,6 +29,16 @@ def test_the_demo_is_what_the_readme_says() -> None:
     assert len(demo.lamps) == 1
 
 
+@pytest.mark.parametrize(("name", "distance"), [("model_2m", 2.0), ("model_4m", 4.0)])
+def test_the_model_scenes_are_the_papers(name: str, distance: float) -> None:
+    scene = load_scenario(name)
+    assert (scene.frames, scene.camera.width, scene.camera.height) == (80, 1200, 800)
+    assert scene.path.distance == distance
+    assert (scene.camera.baseline, scene.camera.field_of_view_deg) == (0.2, 65.5)
+    sight = scene.camera.mounting().rotation[:, 2]
+    np.testing.assert_allclose(sight, [0.5, 0.0, -np.sqrt(0.75)], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
