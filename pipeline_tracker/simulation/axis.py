@@ -38,11 +38,21 @@ class Wander:
         periods = period * np.array([1.0, 0.61, 1.7]) * rng.uniform(0.9, 1.1, 3)
         return cls(amplitude * shares, 2.0 * np.pi / periods, rng.uniform(0.0, 2.0 * np.pi, 3))
 
+    @classmethod
+    def bounded(cls, rng: np.random.Generator, steepest: float, period: float) -> Wander:
+        """Draw one whose slope keeps below ``steepest``."""
+        shape = cls.draw(rng, 1.0, period)
+        return cls(shape.amplitudes * steepest / shape.steepest(), shape.frequencies, shape.phases)
+
     def __call__(self, at: ArrayLike) -> Array:
         """Return its values at an array of arguments, same shape."""
         x = np.asarray(at, dtype=np.float64)[..., None]
         total: Array = np.sum(self.amplitudes * np.sin(self.frequencies * x + self.phases), axis=-1)
         return total
+
+    def variance_since_zero(self, at: float) -> float:
+        """Return the variance of its difference to the value at 0, over all phases."""
+        return float(np.sum(self.amplitudes**2 * (1.0 - np.cos(self.frequencies * at))))
 
     def steepest(self) -> float:
         """Return a bound of its slope."""
@@ -74,8 +84,8 @@ class PipeAxis:
             rng: random numbers.
         """
         # The directions wander so that their slopes, the curvatures, keep to the least radii.
-        heading = _bounded(rng, 1.0 / pipe.bend_radius, pipe.bend_length)
-        elevation = _bounded(rng, 1.0 / pipe.sag_radius, pipe.sag_length)
+        heading = Wander.bounded(rng, 1.0 / pipe.bend_radius, pipe.bend_length)
+        elevation = Wander.bounded(rng, 1.0 / pipe.sag_radius, pipe.sag_length)
         # Whole knots, so that one of them lies at 0.
         first, last = np.floor(start / _KNOT), np.ceil(end / _KNOT)
         every = round(_KNOT / _FINE)
@@ -128,11 +138,6 @@ class PipeAxis:
             level
         )
         return s, side
-
-
-def _bounded(rng: np.random.Generator, steepest: float, period: float) -> Wander:
-    shape = Wander.draw(rng, 1.0, period)
-    return Wander(shape.amplitudes * steepest / shape.steepest(), shape.frequencies, shape.phases)
 
 
 def _direction(heading: Wander, elevation: Wander, s: NDArray[Any]) -> Array:

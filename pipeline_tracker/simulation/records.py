@@ -30,12 +30,16 @@ from pipeline_tracker.messages import (
     header_message,
     pose_message,
 )
+from pipeline_tracker.simulation.navigation import VnmTrack
 from pipeline_tracker.simulation.truth import Contours
+from pipeline_tracker.simulation.vehicle_models import SensorModel
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-BASE_LINK, ODOM, WORLD = "base_link", "odom", "world"
+BASE_LINK, ODOM, WORLD, ALTIMETER = "base_link", "odom", "world", "altimeter"
+# What an echo sounder can measure at least, m.
+MIN_RANGE = 0.2
 OPTICAL = ("stereo_left_optical", "stereo_right_optical")
 SIDES = ("left", "right")
 
@@ -59,11 +63,11 @@ class Messages:
         """Make them with a factory."""
         self._factory = factory
 
-    def mountings(self, stamp: int, mountings: Iterable[Pose]) -> Record:
-        """Return /tf_static with base_link <- optical frame of each camera."""
+    def mountings(self, stamp: int, mountings: Iterable[tuple[str, Pose]]) -> Record:
+        """Return /tf_static with base_link <- the frames named."""
         make = self._factory.message
         transforms = []
-        for mounting, frame in zip(mountings, OPTICAL, strict=True):
+        for frame, mounting in mountings:
             pose = pose_message(self._factory, mounting)
             place = pose.position
             transforms.append(
@@ -117,13 +121,13 @@ class Messages:
         message = camera_info_message(self._factory, camera, stamp, OPTICAL[index])
         return Record(stamp, f"/stereo/{SIDES[index]}/camera_info", message)
 
-    def navigation(self, stamp: int, pose: Pose, twist: tuple[Array, Array]) -> Iterator[Record]:
-        """Yield the VNM's pose, and its odometry with the velocities (m/s, rad/s) in base_link."""
+    def navigation(self, stamp: int, track: VnmTrack, n: int) -> Iterator[Record]:
+        """Yield the VNM's n-th pose, and its odometry with velocities and covariances."""
         make, header = self._factory.message, self._header(stamp, ODOM)
-        message = pose_message(self._factory, pose)
+        message = pose_message(self._factory, track.poses[n])
         linear, angular = (
             make("geometry_msgs/msg/Vector3", x=float(v[0]), y=float(v[1]), z=float(v[2]))
-            for v in twist
+            for v in (track.twists[n, :3], track.twists[n, 3:])
         )
         yield Record(
             stamp, "/vnm/pose", make("geometry_msgs/msg/PoseStamped", header=header, pose=message)
@@ -135,25 +139,30 @@ class Messages:
                 "nav_msgs/msg/Odometry",
                 header=header,
                 child_frame_id=BASE_LINK,
-                pose=make("geometry_msgs/msg/PoseWithCovariance", pose=message),
+                pose=make(
+                    "geometry_msgs/msg/PoseWithCovariance",
+                    pose=message,
+                    covariance=track.covariances[n].ravel(),
+                ),
                 twist=make(
                     "geometry_msgs/msg/TwistWithCovariance",
                     twist=make("geometry_msgs/msg/Twist", linear=linear, angular=angular),
+                    covariance=track.twist_covariances[n].ravel(),
                 ),
             ),
         )
 
-    def altimeter(self, stamp: int, distance: float, noise: float) -> Record:
-        """Return the echo sounder's range (m), beam straight down from base_link's origin."""
+    def altimeter(self, stamp: int, distance: float, sensors: SensorModel) -> Record:
+        """Return the echo sounder's range (m), +inf for no echo; its beam is along its own x."""
         message = self._factory.message(
             "sensor_msgs/msg/Range",
-            header=self._header(stamp, BASE_LINK),
+            header=self._header(stamp, ALTIMETER),
             radiation_type=0,
-            field_of_view=0.14,
-            min_range=0.2,
-            max_range=50.0,
+            field_of_view=float(np.deg2rad(sensors.altimeter_beam_deg)),
+            min_range=MIN_RANGE,
+            max_range=sensors.altimeter_reach,
             range=distance,
-            variance=noise**2,
+            variance=sensors.altimeter_noise**2,
         )
         return Record(stamp, "/altimeter/range", message)
 

@@ -114,6 +114,21 @@ class Scenario(Section):
     vnm: VnmModel = VnmModel()
     sensors: SensorModel = SensorModel()
 
+    @model_validator(mode="after")
+    def _dropouts_within_the_run(self) -> Scenario:
+        end = (self.frames - 1) * self.path.period
+        for key, dropouts in (
+            ("vnm.dropouts", self.vnm.dropouts),
+            ("sensors.altimeter_dropouts", self.sensors.altimeter_dropouts),
+        ):
+            for index, dropout in enumerate(dropouts):
+                if dropout.at > end:
+                    raise ValueError(
+                        f"{key}.{index}.at={dropout.at:g} s lies after the last pair at {end:g} s; "
+                        "expected a time within the run (frames, path.period)"
+                    )
+        return self
+
     @property
     def radius(self) -> float:
         """The pipe's radius, m."""
@@ -121,5 +136,5 @@ class Scenario(Section):
 
     @property
     def way(self) -> float:
-        """The way along the pipe from the first pair to the last, m."""
+        """The way along the pipe from the first pair to the last at even speed, m."""
         return (self.frames - 1) * self.path.period * self.path.speed

@@ -137,11 +137,14 @@ def _validated(data: Mapping[str, Any]) -> Scenario:
 
 
 def _in_words(error: Any) -> str:
-    key = ".".join(str(part) for part in error["loc"]) or "scenario"
+    key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         return f"{key}={shown(error['input'])}: unknown key; {_near(key)}"
     message = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     message = message.replace("should be", "expected", 1)
+    if not key:
+        # A rule about several values says itself which.
+        return message
     return f"{key}={shown(error['input'])}: {message}"
 
 

@@ -48,9 +48,9 @@ def view_reach(scenario: Scenario) -> float:
         [[x, y] for x in (0, left.width / 2, left.width) for y in (0, left.height)], float
     )
     rays = camera.mounting().rotate(left.rays(corners))
-    sway = np.deg2rad(path.pitch_sway_deg + path.roll_sway_deg)
+    sway = np.deg2rad(path.steepest_deg)
     depression = np.arctan2(-rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])) - sway
-    height = path.distance + path.distance_sway + scenario.pipe.diameter + scenario.bed.relief
+    height = path.highest + scenario.pipe.diameter + scenario.bed.relief
     nearest = np.arctan2(height, _FARTHEST)
     reach = height / np.tan(np.maximum(depression, nearest))
     mount = float(np.hypot(camera.translation[0], camera.translation[1])) + camera.baseline
@@ -59,7 +59,8 @@ def view_reach(scenario: Scenario) -> float:
 
 def draw_axis(scenario: Scenario, rng: np.random.Generator) -> PipeAxis:
     """Draw the pipe's axis, longer at both ends than the cameras can see."""
-    margin = 1.15 * view_reach(scenario) + 2.0 + 2.0 * scenario.path.speed
+    path = scenario.path
+    margin = 1.15 * view_reach(scenario) + 2.0 + 2.0 * path.speed + path.surge
     return PipeAxis.draw(scenario.pipe, -margin, scenario.way + margin, rng)
 
 
@@ -117,7 +118,7 @@ def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
 
 def _bounds(scenario: Scenario, axis: PipeAxis) -> Bounds:
     path, reach = scenario.path, view_reach(scenario)
-    margin = reach + max(abs(path.lateral_start), abs(path.lateral_end)) + path.lateral_sway
-    way = axis.points(np.linspace(-path.speed, scenario.way + path.speed, 200))
+    margin, more = reach + path.widest, path.speed + path.surge
+    way = axis.points(np.linspace(-more, scenario.way + more, 200))
     low, high = way.min(axis=0) - margin, way.max(axis=0) + margin
     return Bounds(float(low[0]), float(high[0]), float(low[1]), float(high[1]))

@@ -44,18 +44,22 @@ class Sensor:
         gain = exposure * np.array(camera.white_balance)
         return cls(scenario, gain.astype(np.float32), fall_off.astype(np.float32))
 
-    def expose(self, light: Float32Array, rng: np.random.Generator) -> Image:
+    def expose(
+        self, light: Float32Array, rng: np.random.Generator, brightness: float = 1.0
+    ) -> Image:
         """Take an image.
 
         Args:
             light: (H, W, 3) float32, red, green, blue, before the lens.
             rng: random numbers for the noise.
+            brightness: exposure of this image relative to the scenario's.
 
         Returns:
             (H, W, 3) blue, green, red, or (H, W), uint8, as ``camera.encoding`` says.
         """
         camera = self.scenario.camera
         level: Float32Array = self._blurred(light) * self.gain * self.fall_off[..., None]
+        level *= np.float32(brightness)
         if camera.encoding == "mono8":
             level = np.asarray(cv2.transform(level, _GREY), np.float32)[..., None]
         electrons = camera.full_well * level

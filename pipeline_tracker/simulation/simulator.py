@@ -18,16 +18,17 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from scipy.spatial.transform import Rotation
 
 from pipeline_tracker.bags.typestore import BagMessages
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.simulation.altimeter import Altimeter
 from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.light import lamps_of, reference_light, water_of
-from pipeline_tracker.simulation.motion import Motion, VnmTrack, vnm_track
+from pipeline_tracker.simulation.motion import Motion
+from pipeline_tracker.simulation.navigation import vnm_track, without
 from pipeline_tracker.simulation.recording import fresh_bag, write_bag
-from pipeline_tracker.simulation.records import Messages, Record
+from pipeline_tracker.simulation.records import ALTIMETER, OPTICAL, SIDES, Messages, Record
 from pipeline_tracker.simulation.renderer import Renderer
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import dump_scenario, load_scenario
@@ -142,7 +143,8 @@ def _pair_times(scenario: Scenario) -> Array:
 def _carried(scenario: Scenario) -> Iterator[tuple[str, Array]]:
     """Yield what must stay in the water, with its place in base_link."""
     mounting = scenario.camera.mounting()
-    for name, camera in zip(("left", "right"), scenario.camera.rig().cameras, strict=True):
+    # In mono there is the left one only.
+    for name, camera in zip(SIDES, scenario.camera.rig().cameras, strict=False):
         yield f"the {name} camera", mounting.apply(camera.centre)
     for index, lamp in enumerate(scenario.lamps):
         yield f"lamps.{index}", np.array(lamp.position)
@@ -203,7 +205,8 @@ def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Re
     stamp = FIRST_STAMP_NS + round(time * 1e9)
     for n, camera in enumerate(cameras):
         light = sea.renderer.render(base, n).light
-        image = sea.sensor.expose(light, _random(sea.scenario, "noise", index, n))
+        rng = _random(sea.scenario, "noise", index, n)
+        image = sea.sensor.expose(light, rng, _brightness(sea.scenario, index, n))
         yield messages.camera_info(stamp, n, camera)
         yield messages.image(stamp, n, image, sea.scenario.camera.jpeg_quality)
     yield messages.true_pose(stamp, base)
@@ -214,37 +217,35 @@ def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Re
         yield messages.contours(stamp, n, contours)
 
 
+def _brightness(scenario: Scenario, index: int, n: int) -> float:
+    """Return the exposure of camera n's image relative to the scenario's."""
+    # Both cameras are exposed by one control.
+    varied = float(_random(scenario, "exposure", index).standard_normal())
+    brightness = float(np.exp(scenario.camera.exposure_variation * varied))
+    return brightness * (1.0 + scenario.camera.mismatch) if n == 1 else brightness
+
+
 def _navigation(sea: Sea, messages: Messages) -> Iterator[Record]:
     """Yield what comes at the navigation's rate, and what is latched before it."""
     scenario, rng = sea.scenario, _random(sea.scenario, "sensors")
     track = vnm_track(sea.motion, scenario, _random(scenario, "vnm"))
     first = FIRST_STAMP_NS + int(track.stamps[0])
-    yield messages.mountings(first, sea.mountings())
-    yield messages.scenario(first, dump_scenario(scenario))
     sensors, tilt = scenario.sensors, np.deg2rad(scenario.sensors.attitude_noise_deg)
+    yield messages.mountings(
+        first,
+        [*zip(OPTICAL, sea.mountings(), strict=False), (ALTIMETER, sensors.altimeter())],
+    )
+    yield messages.scenario(first, dump_scenario(scenario))
+    altimeter = Altimeter(sensors, sea.scene.caster, _random(scenario, "altimeter"))
+    heard = without(track.stamps.astype(np.float64) * 1e-9, sensors.altimeter_dropouts)
     for n, (offset, pose) in enumerate(zip(track.stamps, track.poses, strict=True)):
         stamp, true = FIRST_STAMP_NS + int(offset), sea.motion.pose(float(offset) * 1e-9)
-        yield from messages.navigation(stamp, pose, _twist(track, n))
-        distance = _altitude(sea.scene, true) + sensors.altimeter_noise * rng.standard_normal()
-        yield messages.altimeter(stamp, float(distance), sensors.altimeter_noise)
-        roll, pitch, _ = Rotation.from_matrix(true.rotation).as_euler("xyz")
-        yaw = Rotation.from_matrix(pose.rotation).as_euler("xyz")[2]
-        noisy = np.array([roll, pitch, yaw]) + tilt * np.append(rng.standard_normal(2), 0.0)
+        if track.sent[n]:
+            yield from messages.navigation(stamp, track, n)
+        distance = altimeter.measure(true)
+        if heard[n]:
+            yield messages.altimeter(stamp, distance, sensors)
+        roll, pitch, _ = true.rpy()
+        noisy = np.array([roll, pitch, pose.rpy()[2]])
+        noisy += tilt * np.append(rng.standard_normal(2), 0.0)
         yield messages.attitude(stamp, Pose.from_rpy(np.zeros(3), noisy), tilt)
-
-
-def _twist(track: VnmTrack, n: int) -> tuple[Array, Array]:
-    """Return the velocities in base_link at pose n, m/s and rad/s, from its neighbours."""
-    a, b = max(n - 1, 0), min(n + 1, len(track.poses) - 1)
-    seconds = float(track.stamps[b] - track.stamps[a]) * 1e-9
-    way = track.poses[b].translation - track.poses[a].translation
-    turn = track.poses[a].rotation.T @ track.poses[b].rotation
-    angular: Array = Rotation.from_matrix(turn).as_rotvec() / seconds
-    return track.poses[n].rotation.T @ way / seconds, angular
-
-
-def _altitude(scene: Scene, base: Pose) -> float:
-    """Return the distance from base_link straight down its own z axis to what is hit first, m."""
-    down = -base.rotation[:, 2]
-    origin = base.translation.astype(np.float32)[None]
-    return float(scene.caster.nearest(origin, down.astype(np.float32)[None]).distance[0])

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline_tracker import simulation
+from pipeline_tracker.cli import run_command
 from pipeline_tracker.errors import BagError, PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation import simulate
@@ -127,7 +128,8 @@ def test_stamps_are_in_order_and_the_headers(read: list[tuple[str, int, Any]]) -
     assert frames["/ground_truth/pose"] == frames["/ground_truth/centerline"] == "world"
     assert frames["/stereo/left/camera_info"] == "stereo_left_optical"
     assert frames["/stereo/right/image_rect/compressed"] == "stereo_right_optical"
-    assert frames["/altimeter/range"] == frames["/attitude"] == "base_link"
+    assert frames["/altimeter/range"] == "altimeter"
+    assert frames["/attitude"] == "base_link"
     pairs = [stamp for topic, stamp, _ in read if topic == "/stereo/left/image_rect/compressed"]
     assert pairs == [FIRST_STAMP_NS, FIRST_STAMP_NS + 10**9]
 
@@ -142,7 +144,11 @@ def test_calibration_and_mounting(read: list[tuple[str, int, Any]]) -> None:
     assert right.p[3] == pytest.approx(-focal * 0.2)
     assert (left.width, left.height) == (192, 128)
     transforms = next(m for t, _, m in read if t == "/tf_static").transforms
-    assert [t.child_frame_id for t in transforms] == ["stereo_left_optical", "stereo_right_optical"]
+    assert [t.child_frame_id for t in transforms] == [
+        "stereo_left_optical",
+        "stereo_right_optical",
+        "altimeter",
+    ]
     assert {t.header.frame_id for t in transforms} == {"base_link"}
     places = [np.array([v.x, v.y, v.z]) for v in (t.transform.translation for t in transforms)]
     # The right camera is to starboard; both look ahead and down, 30 degrees from straight down.
@@ -150,6 +156,76 @@ def test_calibration_and_mounting(read: list[tuple[str, int, Any]]) -> None:
     q = transforms[0].transform.rotation
     sight = Pose.from_quaternion(places[0], [q.x, q.y, q.z, q.w]).rotation[:, 2]
     np.testing.assert_allclose(sight, [0.5, 0.0, -np.sqrt(0.75)], atol=1e-9)
+    # The altimeter's beam, along x of its frame as sensor_msgs/Range has it, points down.
+    q = transforms[2].transform.rotation
+    beam = Pose.from_quaternion(places[2], [q.x, q.y, q.z, q.w]).rotation[:, 0]
+    np.testing.assert_allclose(beam, [0.0, 0.0, -1.0], atol=1e-12)
+
+
+def test_the_odometry_tells_its_covariance(read: list[tuple[str, int, Any]]) -> None:
+    found = [m.pose.covariance.reshape(6, 6) for t, _, m in read if t == "/vnm/odometry"]
+    first, last = found[0], found[-1]
+    assert last[0, 0] > first[0, 0] >= 0.0
+    assert (np.linalg.eigvalsh(last) > 0).all()
+
+
+def test_dropouts_and_mono(tmp_path: Path) -> None:
+    wanted = [
+        *SMALL,
+        "camera.mono=true",
+        "vnm.dropouts=[{at: 0.2, duration: 0.5}]",
+        "sensors.altimeter_dropouts=[{at: 0.5, duration: 0.4}]",
+        "sensors.altimeter_loss=1",
+    ]
+    read = messages(simulate("demo", tmp_path / "mono", wanted, progress=False))
+    topics = {t for t, _, _ in read}
+    assert not [t for t in topics if "right" in t]
+    assert "/stereo/left/image_rect/compressed" in topics
+    children = [
+        t.child_frame_id for t in next(m for t, _, m in read if t == "/tf_static").transforms
+    ]
+    assert children == ["stereo_left_optical", "altimeter"]
+
+    def seconds(topic: str) -> Any:
+        return np.array([s - FIRST_STAMP_NS for t, s, _ in read if t == topic]) * 1e-9
+
+    for topic in ("/vnm/pose", "/vnm/odometry"):
+        assert not ((seconds(topic) > 0.2) & (seconds(topic) < 0.7)).any()
+    heard = seconds("/altimeter/range")
+    assert not ((heard > 0.5) & (heard < 0.9)).any()
+    assert len(seconds("/attitude")) > max(len(seconds("/vnm/pose")), len(heard)) > 5
+    # No echo at all: plus infinity, as ROS has it.
+    assert {m.range for t, _, m in read if t == "/altimeter/range"} == {np.inf}
+
+
+def test_replay_reads_a_mono_bag(tmp_path: Path) -> None:
+    simulate("mono", tmp_path / "mono", [*SMALL, "camera.width=480", "camera.height=320"], 3, False)
+    command = ["replay", str(tmp_path / "mono"), "--mono", "--output", str(tmp_path / "out")]
+    assert run_command([*command, "--set", "pipe.diameter=0.6"]) in {0, 1}
+    rows = (tmp_path / "out" / "estimates.csv").read_text().splitlines()
+    assert len(rows) == 3
+
+
+def test_the_cameras_may_differ_and_the_exposure_flicker(tmp_path: Path) -> None:
+    def levels(*overrides: str) -> tuple[list[float], list[float]]:
+        name = f"sea{len(list(tmp_path.iterdir()))}"
+        wanted = [*SMALL, "camera.jpeg_quality=null", "camera.gamma=1", "frames=3", *overrides]
+        read = messages(simulate("demo", tmp_path / name, wanted, progress=False))
+        sides = [
+            [float(m.data.mean()) for t, _, m in read if t == f"/stereo/{side}/image_rect"]
+            for side in ("left", "right")
+        ]
+        return sides[0], sides[1]
+
+    left, right = levels()
+    same, brighter = levels("camera.mismatch=0.5")
+    assert same == left
+    np.testing.assert_allclose(np.array(brighter) / right, 1.5, rtol=0.03)
+    left_flicker, right_flicker = levels("camera.exposure_variation=0.3")
+    ratios = np.array(left_flicker) / left
+    assert ratios.std() > 0.05
+    # One exposure control for both cameras.
+    np.testing.assert_allclose(np.array(right_flicker) / right, ratios, rtol=0.03)
 
 
 def test_the_truth_fits_the_poses(read: list[tuple[str, int, Any]], sea: Sea) -> None:

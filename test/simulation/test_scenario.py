@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline_tracker.cli import run_command
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import (
@@ -55,6 +56,22 @@ def test_the_model_scenes_are_the_papers(name: str, distance: float) -> None:
         ("camera.translation=[0,0]", ["camera.translation"]),
         ("camera.translation=[0,0,.nan]", ["camera.translation", "finite"]),
         ("camera.encoding=rgb", ["camera.encoding='rgb'", "'bgr8' or 'mono8'"]),
+        ("camera.mono=1", ["camera.mono=1", "boolean"]),
+        ("camera.mismatch=-1", ["camera.mismatch=-1", "-0.9"]),
+        ("camera.exposure_variation=-0.1", ["camera.exposure_variation=-0.1", "0"]),
+        ("vnm.noise=-0.01", ["vnm.noise=-0.01", "greater than or equal to 0"]),
+        ("vnm.dropouts=[{at: -1, duration: 1}]", ["vnm.dropouts.0.at=-1"]),
+        ("vnm.dropouts=[{at: 1, duration: 0}]", ["vnm.dropouts.0.duration=0", "greater than 0"]),
+        ("vnm.dropouts=[{at: 1}]", ["vnm.dropouts.0.duration", "required"]),
+        ("vnm.dropouts=[{at: 19.5, duration: 1}]", ["vnm.dropouts.0.at=19.5 s", "at 19 s"]),
+        (
+            "sensors.altimeter_dropouts=[{at: 1, duration: 1}, {at: 99, duration: 1}]",
+            ["sensors.altimeter_dropouts.1.at=99 s", "after the last pair"],
+        ),
+        ("sensors.altimeter_direction=[0,0,0]", ["altimeter_direction is a zero vector"]),
+        ("path.manoeuvres=[{lateral: 1}]", ["path.manoeuvres.0.at", "required"]),
+        ("path.manoeuvres=[{at: 1, sideways: 1}]", ["path.manoeuvres.0.sideways", "unknown key"]),
+        ("path.speed_variation=1", ["path.speed_variation=1", "0.9"]),
         ("lamps=[]", ["lamps=[]", "at least 1"]),
         ("lamps.0.power=0", ["lamps.0.power=0", "greater than 0"]),
         ("lamps.0.direction=[0,0,0]", ["lamps.0", "direction is a zero vector"]),
@@ -122,6 +139,31 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
     assert scenario.pipe.diameter == 0.9
     assert scenario.path.speed == 0.5
     assert scenario.camera == Scenario().camera
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("camera.baseline=-0.2", "greater than 0"),
+        ("pipe.diameter=0", "greater than 0.02"),
+        ("frames=0", "greater than or equal to 1"),
+        ("path.distance=.nan", "finite"),
+        ("path.distance=0.01", "from the pipe's surface"),
+        ("camera.fog=1", "unknown key"),
+        ("vnm.dropouts=[{at: 40, duration: 1}]", "after the last pair at 19 s"),
+    ],
+)
+def test_the_command_refuses_with_exit_code_2(
+    override: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "sea"
+    assert run_command(["simulate", "demo", "--output", str(output), "--set", override]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("pipeline-tracker: ")
+    assert captured.err.count("\n") == 1
+    assert words in captured.err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

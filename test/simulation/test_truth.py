@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.scenario_files import load_scenario
 from pipeline_tracker.simulation.simulator import Sea, build_sea
 from pipeline_tracker.simulation.truth import (
     HIDDEN,
@@ -79,3 +80,23 @@ def test_nothing_in_view_is_an_empty_stretch(sea: Sea) -> None:
     # Turned about: the camera looks up.
     up = type(pose)(pose.rotation @ np.diag([1.0, -1.0, -1.0]), pose.translation)
     assert len(stretch_in_view(sea.scene.axis, cameras[:1], (up,))) == 0
+
+
+def test_in_oneside_one_contour_leaves_both_images_and_comes_back() -> None:
+    sea = build_sea(load_scenario("oneside", ["bed.resolution=0.1", "bed.stones=0"]))
+
+    def seen(pair: int) -> tuple[float, float]:
+        """Return how much of the left and of the right contour is in view of any camera, m."""
+        views = [contours(sea, float(pair), index) for index in range(2)]
+        left, right = (
+            0.05 * float(np.max([np.sum(view.flags[side] == VISIBLE) for view in views]))
+            for side in range(2)
+        )
+        return left, right
+
+    for pair in (0, 8, 30, 39):
+        assert min(seen(pair)) > 2.0
+    for pair in (13, 16, 19, 22, 25):
+        left, right = seen(pair)
+        assert left > 2.0
+        assert right == 0.0
