@@ -12,13 +12,14 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
-def _finite(values: tuple[float, ...]) -> tuple[float, ...]:
+def finite(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the values, or refuse them where one is not finite."""
     if not all(math.isfinite(v) for v in values):
         raise ValueError("every number must be finite")
     return values
 
 
-Vector = Annotated[tuple[float, float, float], AfterValidator(_finite)]
+Vector = Annotated[tuple[float, float, float], AfterValidator(finite)]
 
 
 def _setting(default: Any, description: str, *, unit: str = "", **bounds: Any) -> Any:

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.jit import compiled
+from pipeline_tracker.simulation.lens import Lens
 from pipeline_tracker.simulation.scenario import LampModel, Scenario
 
 Array = NDArray[np.float64]
@@ -124,18 +124,17 @@ def _haze_table(directions: Array, ranges: Array, lamps: Lamps, water: Water) ->
     return table
 
 
-def haze_of(camera: Camera, lamps: Lamps, water: Water) -> Haze:
+def haze_of(lens: Lens, lamps: Lamps, water: Water) -> Haze:
     """Integrate the light scattered once into a camera; shadows in the water are left out.
 
     Args:
-        camera: the camera.
-        lamps: in the camera's own frame.
+        lens: the camera as it is built.
+        lamps: in the rectified camera's own frame.
         water: the water.
     """
-    x = np.linspace(-0.5, camera.width - 0.5, _COLUMNS)
-    y = np.linspace(-0.5, camera.height - 0.5, _ROWS)
-    directions = camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    x = np.linspace(-0.5, lens.camera.width - 0.5, _COLUMNS)
+    y = np.linspace(-0.5, lens.camera.height - 0.5, _ROWS)
+    directions = lens.rays(np.stack(np.meshgrid(x, y), axis=-1))
     ranges = _FARTHEST * np.linspace(0.0, 1.0, _RANGES) ** 2
     return Haze(_haze_table(directions, ranges, lamps, water), _FARTHEST)
 

@@ -9,11 +9,16 @@ Beside the topics of a real vehicle's bag there is the truth:
   pipe. Fields, float32 each: x y z of the contour point (m), u v its pixel, s its chainage (m),
   flag 0 outside the image, 1 hidden by something before it, 2 visible (which promises no
   contrast).
+  With ``camera.distortion`` images and their topics are those of the cameras as they are built
+  (``image_raw``; CameraInfo has D, K, R, P), but pixels, flags and frames here are those of the
+  *rectified* cameras: what rectification by CameraInfo leads to. The optical frames of
+  ``/tf_static`` are the rectified ones too, as they are for stereo_image_proc.
 - ``/ground_truth/scenario``: String, the whole scenario as YAML, latched.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +27,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import (
     MessageFactory,
@@ -30,9 +34,10 @@ from pipeline_tracker.messages import (
     header_message,
     pose_message,
 )
+from pipeline_tracker.simulation.lens import Lens
 from pipeline_tracker.simulation.navigation import VnmTrack
 from pipeline_tracker.simulation.truth import Contours
-from pipeline_tracker.simulation.vehicle_models import SensorModel
+from pipeline_tracker.simulation.vehicle_models import CameraModel, SensorModel
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -91,11 +96,13 @@ class Messages:
         message = self._factory.message("std_msgs/msg/String", data=text)
         return Record(stamp, "/ground_truth/scenario", message)
 
-    def image(self, stamp: int, index: int, image: Image, quality: int | None) -> Record:
-        """Return an image (H, W) or (H, W, 3) BGR uint8, compressed as JPEG or raw (None)."""
+    def image(self, stamp: int, index: int, image: Image, camera: CameraModel) -> Record:
+        """Return an image (H, W) or (H, W, 3) BGR uint8, compressed or as it is."""
+        quality = camera.jpeg_quality
         encoding = "mono8" if image.ndim == 2 else "bgr8"
         header = self._header(stamp, OPTICAL[index])
-        topic = f"/stereo/{SIDES[index]}/image_rect"
+        kind = "image_rect" if camera.distortion is None else "image_raw"
+        topic = f"/stereo/{SIDES[index]}/{kind}"
         if quality is None:
             message = self._factory.message(
                 "sensor_msgs/msg/Image",
@@ -116,9 +123,17 @@ class Messages:
         )
         return Record(stamp, f"{topic}/compressed", message)
 
-    def camera_info(self, stamp: int, index: int, camera: Camera) -> Record:
-        """Return a camera's calibration."""
-        message = camera_info_message(self._factory, camera, stamp, OPTICAL[index])
+    def camera_info(self, stamp: int, index: int, lens: Lens) -> Record:
+        """Return a camera's calibration: P of the rectified camera, K, D and R of its own."""
+        message = camera_info_message(self._factory, lens.camera, stamp, OPTICAL[index])
+        if not lens.rectified:
+            message = dataclasses.replace(
+                message,
+                distortion_model=lens.model,
+                d=self._factory.sequence(lens.coefficients),
+                k=lens.matrix.ravel(),
+                r=lens.rotation.ravel(),
+            )
         return Record(stamp, f"/stereo/{SIDES[index]}/camera_info", message)
 
     def navigation(self, stamp: int, track: VnmTrack, n: int) -> Iterator[Record]:

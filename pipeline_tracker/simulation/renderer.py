@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.simulation.lens import Lens, lenses_of
 from pipeline_tracker.simulation.light import Water, haze_of, lamps_of
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scene import Scene
@@ -72,12 +72,12 @@ class Renderer:
         self._scene = scene
         self._water = water
         self._lamps = lamps_of(scenario.lamps)
-        self._cameras = scenario.camera.rig().cameras
+        self._lenses = lenses_of(scenario.camera)
         left = scenario.camera.mounting()
-        self._mountings = [left @ Pose(np.eye(3), camera.centre) for camera in self._cameras]
+        self._mountings = [left @ Pose(np.eye(3), lens.camera.centre) for lens in self._lenses]
         self._hazes = [
-            haze_of(camera, self._lamps.moved(mounting.inverse()), water)
-            for camera, mounting in zip(self._cameras, self._mountings, strict=True)
+            haze_of(lens, self._lamps.moved(mounting.inverse()), water)
+            for lens, mounting in zip(self._lenses, self._mountings, strict=True)
         ]
         self._threads = max(1, min(os.cpu_count() or 1, 16))
 
@@ -88,24 +88,24 @@ class Renderer:
             base: world <- base_link.
             index: 0 left camera, 1 right camera.
         """
-        camera, pose = self._cameras[index], base @ self._mountings[index]
+        lens, pose = self._lenses[index], base @ self._mountings[index]
         lighting = Lighting(self._lamps.moved(base), self._water, self._hazes[index])
-        view = _View(self._scene, lighting, camera, pose)
+        view = _View(self._scene, lighting, lens, pose)
         # Bands don't depend on each other: the image is the same with any number of threads.
         with ThreadPoolExecutor(self._threads) as pool:
-            bands = list(pool.map(view.band, range(0, camera.height, _BAND)))
+            bands = list(pool.map(view.band, range(0, lens.camera.height, _BAND)))
         return Rendering(*(np.concatenate(parts) for parts in zip(*bands, strict=True)))
 
 
 class _View:
     """One camera at one place."""
 
-    def __init__(self, scene: Scene, lighting: Lighting, camera: Camera, pose: Pose) -> None:
+    def __init__(self, scene: Scene, lighting: Lighting, lens: Lens, pose: Pose) -> None:
         self._scene, self._lighting, self._lamps = scene, lighting, lighting.lamps
-        self._camera, self._pose = camera, pose
-        self._eye = Eye(pose.translation, 1.0 / camera.fx)
+        self._lens, self._camera, self._pose = lens, lens.camera, pose
+        self._eye = Eye(pose.translation, 1.0 / lens.matrix[0, 0])
         # Softer shadows reach further over their border: the widest penumbra of a pipe's shadow.
-        widest = 0.3 * float(self._lamps.radius.max()) / 2.0 * camera.fx
+        widest = 0.3 * float(self._lamps.radius.max()) / 2.0 * lens.matrix[0, 0]
         self._soft = int(np.clip(np.ceil(widest), 1, 8))
 
     def band(self, first: int) -> tuple[Float32Array, Float32Array, Float32Array]:
@@ -138,7 +138,8 @@ class _View:
     def _look(self, pixels: Array) -> Landed:
         """Cast rays through pixels (N, 2)."""
         scene = self._scene
-        rays = sight_lines(pixels, self._camera.matrix, self._pose.rotation)
+        turn = self._pose.rotation @ self._lens.rotation
+        rays = sight_lines(self._lens.sight(pixels), turn)
         origins = np.tile(self._pose.translation.astype(np.float32), (len(rays), 1))
         hits = scene.caster.nearest(origins, rays)
         return land(hits, self._pose.translation, rays, scene.solids)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.bed import Bed, Bounds, scatter_stones
+from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
 from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
 from pipeline_tracker.simulation.raycaster import RayCaster
@@ -43,11 +44,11 @@ class Scene:
 def view_reach(scenario: Scenario) -> float:
     """Return how far ahead of the vehicle or aside the cameras may see the bed, m."""
     camera, path = scenario.camera, scenario.path
-    left = camera.rig().left
     corners = np.array(
-        [[x, y] for x in (0, left.width / 2, left.width) for y in (0, left.height)], float
+        [[x, y] for x in (0, camera.width / 2, camera.width) for y in (0, camera.height)], float
     )
-    rays = camera.mounting().rotate(left.rays(corners))
+    seen = np.concatenate([lens.rays(corners) for lens in lenses_of(camera)])
+    rays = camera.mounting().rotate(seen)
     sway = np.deg2rad(path.steepest_deg)
     depression = np.arctan2(-rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])) - sway
     height = path.highest + scenario.pipe.diameter + scenario.bed.relief

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -36,9 +37,9 @@ class Sensor:
     def of(cls, scenario: Scenario, reference: Array) -> Sensor:
         """Expose for a grey surface on the bed ahead in the lamps' light ``reference`` (3,)."""
         camera = scenario.camera
-        left = camera.rig().left
-        rays = left.rays(np.stack(np.meshgrid(np.arange(left.width), np.arange(left.height)), -1))
-        cosine = 1.0 / np.linalg.norm(rays, axis=-1)
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+        sight = lenses_of(camera)[0].sight(pixels.reshape(-1, 2).astype(np.float64))
+        cosine = 1.0 / np.sqrt(1.0 + np.sum(sight**2, axis=1)).reshape(pixels.shape[:2])
         fall_off = 1.0 - camera.vignetting * (1.0 - cosine**4)
         exposure = camera.exposure / max(_REFERENCE_ALBEDO * float(reference[1]), 1e-12)
         gain = exposure * np.array(camera.white_balance)

@@ -105,19 +105,17 @@ class Landed(NamedTuple):
 
 
 @compiled
-def sight_lines(pixels: Array, matrix: Array, rotation: Array) -> Float32Array:
-    """Return unit directions (N, 3) in the world in which pixels (N, 2) are seen.
+def sight_lines(sight: Array, rotation: Array) -> Float32Array:
+    """Return unit directions (N, 3) in the world.
 
     Args:
-        pixels: column and row, px.
-        matrix: the camera's K, 3 x 3.
+        sight: x and y of the directions at z = 1 in the camera's frame, (N, 2).
         rotation: world <- camera, 3 x 3.
     """
     # Not as a matrix product: for three numbers BLAS wakes threads that cost more than they give.
-    result = np.empty((pixels.shape[0], 3), np.float32)
-    for r in range(pixels.shape[0]):
-        x = (pixels[r, 0] - matrix[0, 2]) / matrix[0, 0]
-        y = (pixels[r, 1] - matrix[1, 2]) / matrix[1, 1]
+    result = np.empty((sight.shape[0], 3), np.float32)
+    for r in range(sight.shape[0]):
+        x, y = sight[r, 0], sight[r, 1]
         norm = np.sqrt(x * x + y * y + 1.0)
         for k in range(3):
             result[r, k] = (rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2]) / norm

@@ -24,6 +24,7 @@ from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation.altimeter import Altimeter
 from pipeline_tracker.simulation.axis import PipeAxis
+from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.light import lamps_of, reference_light, water_of
 from pipeline_tracker.simulation.motion import Motion
 from pipeline_tracker.simulation.navigation import vnm_track, without
@@ -203,12 +204,12 @@ def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Re
     axis, cameras = sea.scene.axis, sea.scenario.camera.rig().cameras
     poses = tuple(base @ mounting for mounting in sea.mountings())
     stamp = FIRST_STAMP_NS + round(time * 1e9)
-    for n, camera in enumerate(cameras):
+    for n, lens in enumerate(lenses_of(sea.scenario.camera)):
         light = sea.renderer.render(base, n).light
         rng = _random(sea.scenario, "noise", index, n)
         image = sea.sensor.expose(light, rng, _brightness(sea.scenario, index, n))
-        yield messages.camera_info(stamp, n, camera)
-        yield messages.image(stamp, n, image, sea.scenario.camera.jpeg_quality)
+        yield messages.camera_info(stamp, n, lens)
+        yield messages.image(stamp, n, image, sea.scenario.camera)
     yield messages.true_pose(stamp, base)
     s = stretch_in_view(axis, cameras, poses)
     yield messages.centerline(stamp, axis.points(s), axis.tangents(s))

@@ -9,16 +9,57 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.settings import Section, Vector
+from pipeline_tracker.settings import Section, Vector, finite
 from pipeline_tracker.simulation.scenario_values import Gains, value
+
+Pixels = Annotated[tuple[float, float], AfterValidator(finite)]
+
+
+class DistortionModel(Section):
+    """How the cameras differ from rectified ones, as a stereo calibration finds it."""
+
+    model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = value(
+        "plumb_bob", "Model of the lens, as CameraInfo names it"
+    )
+    coefficients: tuple[float, ...] = value(
+        (-0.22, 0.06, 0.0008, -0.0006, 0.0),
+        "D: k1 k2 p1 p2 k3 (plumb_bob), k1 k2 p1 p2 k3 k4 k5 k6 (rational_polynomial), "
+        "k1 k2 k3 k4 (equidistant)",
+    )
+    focal_share: float = value(
+        0.98, "Focal length of the cameras themselves in that of the rectified", ge=0.2, le=5
+    )
+    shifts: tuple[Pixels, Pixels] = value(
+        ((4.0, -3.0), (-5.0, 2.0)),
+        "Principal points of left and right camera off those of the rectified",
+        unit="px",
+    )
+    turns_deg: tuple[Vector, Vector] = value(
+        ((0.3, -0.2, 0.15), (-0.25, 0.3, -0.2)),
+        "Roll, pitch, yaw of left and right camera in the rectified optical frames: R",
+        unit="deg",
+    )
+
+    @model_validator(mode="after")
+    def _fits_the_model(self) -> DistortionModel:
+        expected = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}[self.model]
+        if len(self.coefficients) != expected:
+            raise ValueError(
+                f"{self.model} has {expected} coefficients, got {len(self.coefficients)}"
+            )
+        return self
 
 
 class CameraModel(Section):
-    """The stereo camera, rectified."""
+    """The stereo camera.
+
+    Field of view, mounting and baseline are those of the rectified cameras. With ``distortion``
+    the images come as the cameras see them, unrectified.
+    """
 
     width: int = value(800, "Image width", unit="px", ge=64, le=8000)
     height: int = value(536, "Image height", unit="px", ge=64, le=8000)
@@ -48,6 +89,7 @@ class CameraModel(Section):
     full_well: float = value(9000.0, "Electrons at full scale: shot noise", ge=50, le=1e7)
     read_noise: float = value(12.0, "Noise of the dark image", unit="electrons", ge=0, le=1e5)
 
+    distortion: DistortionModel | None = value(None, "Unrectified images; null: rectified")
     mono: bool = value(False, "One camera, the left; no right images")
 
     def rig(self) -> StereoRig:
