@@ -84,18 +84,22 @@ class PipeAxis:
             rng: random numbers.
         """
         # The directions wander so that their slopes, the curvatures, keep to the least radii.
-        heading = Wander.bounded(rng, 1.0 / pipe.bend_radius, pipe.bend_length)
-        elevation = Wander.bounded(rng, 1.0 / pipe.sag_radius, pipe.sag_length)
+        way = _Way(
+            Wander.bounded(rng, 1.0 / pipe.bend_radius, pipe.bend_length),
+            Wander.bounded(rng, 1.0 / pipe.sag_radius, pipe.sag_length),
+            1.0 / pipe.curve_radius if pipe.curve_radius else 0.0,
+            float(np.deg2rad(pipe.slope_deg)),
+        )
         # Whole knots, so that one of them lies at 0.
         first, last = np.floor(start / _KNOT), np.ceil(end / _KNOT)
         every = round(_KNOT / _FINE)
         s = _FINE * np.arange(first * every, last * every + 1)
         mid = s[:-1] + _FINE / 2.0
-        steps = _FINE * _direction(heading, elevation, mid)
+        steps = _FINE * way.direction(mid)
         points = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
         s, points = s[::every], points[::every]
         points -= points[np.argmin(np.abs(s))]
-        curve = CubicHermiteSpline(s, points, _direction(heading, elevation, s))
+        curve = CubicHermiteSpline(s, points, way.direction(s))
         return cls(float(s[0]), float(s[-1]), pipe.diameter / 2.0, curve, cKDTree(points[:, :2]))
 
     def points(self, s: ArrayLike) -> Array:
@@ -140,9 +144,24 @@ class PipeAxis:
         return s, side
 
 
-def _direction(heading: Wander, elevation: Wander, s: NDArray[Any]) -> Array:
-    """Return unit directions; the headings are counted from the one at s = 0."""
-    angle = heading(s) - heading(0.0)
-    slope = elevation(s)
-    level = np.cos(slope)
-    return np.stack([level * np.cos(angle), level * np.sin(angle), np.sin(slope)], axis=-1)
+@dataclass(frozen=True)
+class _Way:
+    """Where the axis leads: a wandering heading and elevation beside a steady curve and slope.
+
+    Attributes:
+        heading, elevation: rad, by chainage.
+        curvature: to port, 1/m.
+        slope: upward, rad.
+    """
+
+    heading: Wander
+    elevation: Wander
+    curvature: float
+    slope: float
+
+    def direction(self, s: NDArray[Any]) -> Array:
+        """Return unit directions; the headings are counted from the one at s = 0."""
+        angle = self.heading(s) - self.heading(0.0) + self.curvature * s
+        slope = self.elevation(s) + self.slope
+        level = np.cos(slope)
+        return np.stack([level * np.cos(angle), level * np.sin(angle), np.sin(slope)], axis=-1)

@@ -55,7 +55,15 @@ class Bed:
     heights: Array
 
     @classmethod
-    def draw(cls, model: BedModel, axis: PipeAxis, bounds: Bounds, rng: np.random.Generator) -> Bed:
+    def draw(
+        cls,
+        model: BedModel,
+        axis: PipeAxis,
+        bounds: Bounds,
+        rng: np.random.Generator,
+        *,
+        level_beside: bool = True,
+    ) -> Bed:
         """Draw a bed.
 
         Args:
@@ -63,6 +71,7 @@ class Bed:
             axis: the pipe that lies in it.
             bounds: what it has to cover.
             rng: random numbers.
+            level_beside: the large undulations fade towards the axis, as where a pipe lies.
 
         Raises:
             SettingsError: the resolution asks for more vertices than fit in memory.
@@ -81,7 +90,7 @@ class Bed:
         burial = model.burial + Wander.draw(rng, model.burial_variation, 5.0)(s)
         height = axis.points(s)[..., 2] + axis.radius * (2.0 * burial - 1.0)
         away = np.clip((np.abs(side) - axis.radius) / _BLEND, 0.0, 1.0)
-        away = away * away * (3.0 - 2.0 * away)
+        away = away * away * (3.0 - 2.0 * away) if level_beside else np.ones_like(away)
         seed = int(rng.integers(1 << 30))
         detail = _relief(
             x,
@@ -163,21 +172,22 @@ class Stones:
 
 
 def scatter_stones(
-    model: BedModel, axis: PipeAxis, bed: Bed, bounds: Bounds, rng: np.random.Generator
+    model: BedModel, pipe: PipeAxis | None, bed: Bed, bounds: Bounds, rng: np.random.Generator
 ) -> Stones:
-    """Scatter stones over the bed, beside the pipe, not in it."""
+    """Scatter stones over the bed, beside the pipe where there is one, not in it."""
     trimesh = trimesh_module()
     count = int(rng.poisson(model.stones * bounds.area))
     places = rng.uniform([bounds.x0, bounds.y0], [bounds.x1, bounds.y1], (count, 2))
     sizes = np.clip(model.stone_size * np.exp(0.55 * rng.standard_normal(count)), 0.01, 1.0)
-    _, side = axis.nearest(places) if count else (None, np.zeros(0))
+    side = pipe.nearest(places)[1] if pipe and count else np.full(count, np.inf)
+    radius = pipe.radius if pipe else 0.0
     ground = bed.height_at(places) if count else np.zeros(0)
     ball: Any = trimesh.creation.icosphere(subdivisions=3)
     vertices, faces, brightness = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros(0)]
     total = 0
     for place, size, z, away in zip(places, sizes, ground, np.abs(side), strict=True):
         shape = _stone(np.asarray(ball.vertices), size, rng)
-        if away < axis.radius + 0.8 * size:
+        if away < radius + 0.8 * size:
             continue
         vertices.append(shape + np.array([*place, z + 0.15 * size]))
         faces.append(np.asarray(ball.faces) + total)

@@ -16,6 +16,7 @@ class PipeMaterial(NamedTuple):
     colour: Rgb
     texture: float
     growth: float
+    damage: float
     sediment: float
     sediment_colour: Rgb
     joint_spacing: float
@@ -88,6 +89,19 @@ def pipe_surface(
     line = 1.0 - _blend(0.006, 0.006 + 2.0 * footprint, abs(joint - 0.16))
     light *= (1.0 - 0.18 * sleeve) * (1.0 - 0.4 * line)
     red, green, blue = m.colour
+    if m.damage > 0.0:
+        # Patches without coating, their border sharp and ragged: dark steel, rust over most of it.
+        ragged = fractal_noise(along, around, cell, 5, 0.6, footprint, 9, m.seed + 53)[0]
+        edge = _threshold(m.damage) - 0.02
+        soft = 0.01 + 4.0 * footprint
+        bare = _blend(edge - soft, edge + soft, ragged)
+        rim = bare * (1.0 - _blend(edge, edge + 0.05 + soft, ragged))
+        rust = _blend(-0.35, 0.15, fine[0] + 0.5 * mottle[0]) * bare
+        light *= 1.0 - 0.5 * bare * (1.0 - rust) + 0.3 * rim
+        red += rust * (0.34 - red)
+        green += rust * (0.17 - green)
+        blue += rust * (0.08 - blue)
+        slope_a -= 0.01 * rim * fine[1]
     # Growth in patches, darker and greener, and rust beside it.
     patch = mottle[0] + 0.5 * fine[0]
     edge = _threshold(m.growth)

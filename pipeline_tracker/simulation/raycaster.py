@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ class Hits(NamedTuple):
     """Nearest hits of N rays.
 
     Attributes:
-        mesh: (N,) int32, number of the mesh, -1 where nothing was hit.
+        mesh: (N,) int32, the mesh's number, -1 where nothing was hit.
         face: (N,) int32, number of the triangle.
         u, v: (N,) float32, barycentric weights of the triangle's second and third vertex.
         distance: (N,) float32, in lengths of the ray's direction.
@@ -34,18 +34,20 @@ class Hits(NamedTuple):
 class RayCaster:
     """Casts rays at triangle meshes. May be used by several threads at once."""
 
-    def __init__(self, meshes: Sequence[Mesh]) -> None:
+    def __init__(self, meshes: Mapping[int, Mesh]) -> None:
         """Build the scene.
 
         Args:
-            meshes: what can be hit; ``Hits.mesh`` is the index in this sequence. None is empty.
+            meshes: what can be hit, by the number that ``Hits.mesh`` tells. None is empty.
 
         Raises:
             PipelineTrackerError: embreex is not installed.
         """
         scenes, construction = embree_modules()
         self._scene: Any = scenes.EmbreeScene()
-        for mesh in meshes:
+        # Behind the last one's number the one for nothing, which Embree counts as -1.
+        self._numbers = np.array([*meshes, -1], np.int32)
+        for mesh in meshes.values():
             construction.TriangleMesh(self._scene, mesh.vertices, mesh.faces)
         # The first query commits the scene; afterwards it is read only.
         self.nearest(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
@@ -53,7 +55,8 @@ class RayCaster:
     def nearest(self, origins: Float32Array, directions: Float32Array) -> Hits:
         """Return what rays (N, 3) hit first."""
         result = self._scene.run(origins, directions, query="INTERSECT", output=1)
-        return Hits(result["geomID"], result["primID"], result["u"], result["v"], result["tfar"])
+        mesh = self._numbers[result["geomID"]]
+        return Hits(mesh, result["primID"], result["u"], result["v"], result["tfar"])
 
     def blocked(self, origins: Float32Array, directions: Float32Array) -> NDArray[np.bool_]:
         """Return whether anything is hit between ``origins`` and ``origins + directions``, (N,)."""

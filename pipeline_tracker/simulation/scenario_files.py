@@ -1,4 +1,8 @@
-"""Scenarios from YAML files, and single values of them set by dotted names."""
+"""Scenarios from YAML files, and single values of them set by dotted names.
+
+A file may begin where another scenario ends: ``extends: NAME``, the name of one that comes with the
+package or the path of a file, relative to its own. Groups are merged key by key, lists replaced.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ from pipeline_tracker.resources import config_directory
 from pipeline_tracker.settings_io import parse_yaml, shown
 from pipeline_tracker.simulation.scenario import Scenario
 
+_EXTENDS = "extends"
+
 
 def list_scenarios() -> dict[str, str]:
     """Return the scenarios that come with the package: name and description, sorted by name.
@@ -30,7 +36,7 @@ def list_scenarios() -> dict[str, str]:
 def load_scenario(
     scenario: str | Path, overrides: Sequence[str] = (), seed: int | None = None
 ) -> Scenario:
-    """Read a scenario: the model's defaults, then the file, then the overrides, then the seed.
+    """Read a scenario: the model's defaults, what it extends, its file, the overrides, the seed.
 
     Args:
         scenario: name of a scenario that comes with the package, or path of a YAML file.
@@ -39,20 +45,13 @@ def load_scenario(
 
     Raises:
         SettingsError: there is no such scenario, it is not YAML, or a key is unknown or its value
-            impossible; the one line names key, value and what was expected.
+            impossible, or scenarios extend one another in a circle; the one line names key, value
+            and what was expected.
     """
-    file = _find(scenario)
-    try:
-        raw = file.read_bytes()
-    except OSError as error:
-        raise SettingsError(
-            f"{file}: cannot be read ({error.strerror}); give a readable YAML file"
-        ) from None
-    data = parse_yaml(raw, f"{file}: ")
-    if not isinstance(data, (dict, type(None))):
-        raise SettingsError(f"{file}: holds {shown(data)}, expected keys and values of a scenario")
     # On top of the defaults, so that an override of one value keeps those beside it.
-    merged = _merged(_defaults(), data or {})
+    merged = _defaults()
+    for data in _layers(_find(scenario, Path())):
+        merged = _merged(merged, data)
     for override in overrides:
         _set(merged, override)
     if seed is not None:
@@ -75,11 +74,43 @@ def _files() -> dict[str, Path]:
     return {file.stem: file for file in sorted((config_directory() / "scenarios").glob("*.yaml"))}
 
 
-def _find(scenario: str | Path) -> Path:
+def _layers(file: Path) -> list[dict[Any, Any]]:
+    """Return what files say, that of the one extended last first, that of ``file`` last."""
+    layers: list[dict[Any, Any]] = []
+    seen: list[Path] = []
+    while True:
+        if file.resolve() in seen:
+            circle = " -> ".join(f.stem for f in [*seen, file])
+            raise SettingsError(f"extends goes in a circle ({circle}); take it out of {file}")
+        seen.append(file.resolve())
+        data = _content(file)
+        base = data.pop(_EXTENDS, None)
+        layers.insert(0, data)
+        if base is None:
+            return layers
+        if not isinstance(base, str):
+            raise SettingsError(f"{file}: extends={shown(base)}: expected the name of a scenario")
+        file = _find(base, file.parent)
+
+
+def _content(file: Path) -> dict[Any, Any]:
+    try:
+        raw = file.read_bytes()
+    except OSError as error:
+        raise SettingsError(
+            f"{file}: cannot be read ({error.strerror}); give a readable YAML file"
+        ) from None
+    data = parse_yaml(raw, f"{file}: ")
+    if not isinstance(data, (dict, type(None))):
+        raise SettingsError(f"{file}: holds {shown(data)}, expected keys and values of a scenario")
+    return data or {}
+
+
+def _find(scenario: str | Path, beside: Path) -> Path:
     files = _files()
     if str(scenario) in files:
         return files[str(scenario)]
-    path = Path(scenario)
+    path = beside / scenario
     if path.is_file():
         return path
     raise SettingsError(

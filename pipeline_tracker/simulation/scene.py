@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.bed import Bed, Bounds, scatter_stones
 from pipeline_tracker.simulation.lens import lenses_of
@@ -14,7 +15,16 @@ from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
 from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
 from pipeline_tracker.simulation.raycaster import RayCaster
 from pipeline_tracker.simulation.scenario import Scenario
-from pipeline_tracker.simulation.shading import Ground, Materials, Solids, StoneData, Tube
+from pipeline_tracker.simulation.shading import (
+    BED,
+    PIPE,
+    STONE,
+    Ground,
+    Materials,
+    Solids,
+    StoneData,
+    Tube,
+)
 
 Array = NDArray[np.float64]
 
@@ -29,7 +39,7 @@ class Scene:
     Attributes:
         axis: the pipe's axis, the truth.
         bed: the height field.
-        caster: casts rays at pipe, bed and stones (in this order of meshes).
+        caster: casts rays at pipe, bed and stones; its numbers are the kinds of shading.
         solids: the same for shading.
         materials: what they look like.
     """
@@ -59,10 +69,21 @@ def view_reach(scenario: Scenario) -> float:
 
 
 def draw_axis(scenario: Scenario, rng: np.random.Generator) -> PipeAxis:
-    """Draw the pipe's axis, longer at both ends than the cameras can see."""
+    """Draw the pipe's axis, longer at both ends than the cameras can see.
+
+    Raises:
+        SettingsError: a steady bend would lead it back to its beginning.
+    """
     path = scenario.path
     margin = 1.15 * view_reach(scenario) + 2.0 + 2.0 * path.speed + path.surge
-    return PipeAxis.draw(scenario.pipe, -margin, scenario.way + margin, rng)
+    radius, length = scenario.pipe.curve_radius, scenario.built_way + 2.0 * margin
+    if radius and length > 1.5 * np.pi * abs(radius):
+        raise SettingsError(
+            f"pipe.curve_radius={radius:g}: {length:.0f} m of pipe would come round to where they "
+            f"began, expected at least {length / (1.5 * np.pi):.1f} m; take a larger radius or "
+            "fewer frames"
+        )
+    return PipeAxis.draw(scenario.pipe, -margin, scenario.built_way + margin, rng)
 
 
 def build_scene(scenario: Scenario, axis: PipeAxis, rng: np.random.Generator) -> Scene:
@@ -78,12 +99,15 @@ def build_scene(scenario: Scenario, axis: PipeAxis, rng: np.random.Generator) ->
         PipelineTrackerError: the extra ``[sim]`` is not installed.
     """
     bounds = _bounds(scenario, axis)
-    bed = Bed.draw(scenario.bed, axis, bounds, rng)
-    stones = scatter_stones(scenario.bed, axis, bed, bounds, rng)
+    pipe = axis if scenario.pipe.present else None
+    bed = Bed.draw(scenario.bed, axis, bounds, rng, level_beside=pipe is not None)
+    stones = scatter_stones(scenario.bed, pipe, bed, bounds, rng)
     mesh, frames = tube_mesh(axis)
-    meshes = [mesh, bed.mesh()]
+    meshes = {BED: bed.mesh()}
+    if scenario.pipe.present:
+        meshes[PIPE] = mesh
     if len(stones.mesh.faces):
-        meshes.append(stones.mesh)
+        meshes[STONE] = stones.mesh
     tube = Tube(
         frames.start,
         frames.step,
@@ -107,6 +131,7 @@ def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
             pipe.colour,
             pipe.texture,
             pipe.growth,
+            pipe.damage,
             pipe.sediment,
             bed.colour,
             pipe.joint_spacing,
@@ -120,6 +145,6 @@ def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
 def _bounds(scenario: Scenario, axis: PipeAxis) -> Bounds:
     path, reach = scenario.path, view_reach(scenario)
     margin, more = reach + path.widest, path.speed + path.surge
-    way = axis.points(np.linspace(-more, scenario.way + more, 200))
+    way = axis.points(np.linspace(-more, scenario.built_way + more, 200))
     low, high = way.min(axis=0) - margin, way.max(axis=0) + margin
     return Bounds(float(low[0]), float(high[0]), float(low[1]), float(high[1]))

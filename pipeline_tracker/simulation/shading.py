@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Bytes = NDArray[np.int8]
 
-# What a ray saw; these are also the numbers of the meshes in the ray caster.
+# What a ray saw; these are also the numbers of the meshes for the ray caster.
 NOTHING, PIPE, BED, STONE = -1, 0, 1, 2
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +30,12 @@ from pipeline_tracker.simulation.motion import Motion
 from pipeline_tracker.simulation.navigation import vnm_track, without
 from pipeline_tracker.simulation.recording import fresh_bag, write_bag
 from pipeline_tracker.simulation.records import ALTIMETER, OPTICAL, SIDES, Messages, Record
-from pipeline_tracker.simulation.renderer import Renderer
+from pipeline_tracker.simulation.renderer import Renderer, Rendering
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import dump_scenario, load_scenario
 from pipeline_tracker.simulation.scene import Scene, build_scene, draw_axis
 from pipeline_tracker.simulation.sensor import Sensor
+from pipeline_tracker.simulation.snow import SnowView, draw_snow
 from pipeline_tracker.simulation.truth import frame_contours, stretch_in_view
 
 Array = NDArray[np.float64]
@@ -53,6 +54,7 @@ class Sea:
         scene: pipe, bed and stones.
         motion: the vehicle's true motion; time 0 is the first pair's.
         renderer, sensor: make its images.
+        snow_views: draw marine snow into them, one for each camera.
     """
 
     scenario: Scenario
@@ -60,6 +62,18 @@ class Sea:
     motion: Motion
     renderer: Renderer
     sensor: Sensor
+    snow_views: tuple[SnowView, ...]
+
+    def picture(self, frame: int, index: int) -> Rendering:
+        """Render what camera ``index`` sees of pair ``frame``, before its sensor."""
+        base = self.motion.pose(float(self.times()[frame]))
+        rendering = self.renderer.render(base, index)
+        if self.scenario.water.snow == 0.0:
+            return rendering
+        # The same stream for both cameras: the same particles.
+        snow = draw_snow(self.scenario, _random(self.scenario, "snow", frame))
+        light = self.snow_views[index].over(rendering.light, rendering.distance, snow)
+        return replace(rendering, light=light)
 
     def times(self) -> Array:
         """Return the pairs' times, s after the first."""
@@ -82,13 +96,17 @@ def build_sea(scenario: Scenario) -> Sea:
     shape, path, ground = (_random(scenario, name) for name in ("axis", "motion", "scene"))
     axis = draw_axis(scenario, shape)
     motion = Motion.draw(scenario, axis, path)
-    _check_clear_of_pipe(scenario, axis, motion)
+    if scenario.pipe.present:
+        _check_clear_of_pipe(scenario, axis, motion)
     scene = build_scene(scenario, axis, ground)
     _check_above_bed(scenario, scene, motion)
     lamps = lamps_of(scenario.lamps)
     reference = reference_light(scenario, lamps)
-    renderer = Renderer(scenario, scene, water_of(scenario, reference))
-    return Sea(scenario, scene, motion, renderer, Sensor.of(scenario, reference))
+    water = water_of(scenario, reference)
+    renderer = Renderer(scenario, scene, water)
+    cameras = range(len(scenario.camera.rig().cameras))
+    snow_views = tuple(SnowView.of(scenario, lamps, water, n) for n in cameras)
+    return Sea(scenario, scene, motion, renderer, Sensor.of(scenario, reference), snow_views)
 
 
 def simulate(
@@ -205,13 +223,14 @@ def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Re
     poses = tuple(base @ mounting for mounting in sea.mountings())
     stamp = FIRST_STAMP_NS + round(time * 1e9)
     for n, lens in enumerate(lenses_of(sea.scenario.camera)):
-        light = sea.renderer.render(base, n).light
+        light = sea.picture(index, n).light
         rng = _random(sea.scenario, "noise", index, n)
         image = sea.sensor.expose(light, rng, _brightness(sea.scenario, index, n))
         yield messages.camera_info(stamp, n, lens)
         yield messages.image(stamp, n, image, sea.scenario.camera)
     yield messages.true_pose(stamp, base)
-    s = stretch_in_view(axis, cameras, poses)
+    present = sea.scenario.pipe.present
+    s = stretch_in_view(axis, cameras, poses) if present else np.zeros(0)
     yield messages.centerline(stamp, axis.points(s), axis.tangents(s))
     for n, (camera, pose) in enumerate(zip(cameras, poses, strict=True)):
         contours = frame_contours(axis, sea.scene.caster, camera, pose, s)
