@@ -20,7 +20,7 @@ def floor() -> RayCaster:
     low = [[-50, -50, 0], [1, -50, 0], [1, 50, 0], [-50, 50, 0]]
     high = [[1, -50, 0.5], [50, -50, 0.5], [50, 50, 0.5], [1, 50, 0.5]]
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
-    return RayCaster([Mesh(np.array(low + high, np.float32), faces)])
+    return RayCaster({0: Mesh(np.array(low + high, np.float32), faces)})
 
 
 def altimeter(floor: RayCaster, seed: int = 0, **values: object) -> Altimeter:
