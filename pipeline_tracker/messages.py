@@ -90,6 +90,17 @@ def pose_message(factory: MessageFactory, pose: Pose) -> Any:
     )
 
 
+def pose_stamped_message(
+    factory: MessageFactory, pose: Pose, nanoseconds: int, frame_id: str
+) -> Any:
+    """Return geometry_msgs/PoseStamped in the frame ``frame_id``."""
+    return factory.message(
+        "geometry_msgs/msg/PoseStamped",
+        header=header_message(factory, nanoseconds, frame_id),
+        pose=pose_message(factory, pose),
+    )
+
+
 def float_message(factory: MessageFactory, value: float) -> Any:
     """Return std_msgs/Float64."""
     return factory.message("std_msgs/msg/Float64", data=float(value))

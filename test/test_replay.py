@@ -484,6 +484,7 @@ def test_result_bag_holds_every_topic(run: Run) -> None:
         "/pipeline/min_distance": 5,
         "/pipeline/centerline": 3,
         "/pipeline/markers": 6,
+        "/vnm/pose": 6,
     }
     segments = [segment_from_message(m) for m in read["/pipeline/segment"]]
     rows = [row for row in done.rows if row["mode"]]

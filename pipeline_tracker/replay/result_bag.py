@@ -30,6 +30,8 @@ _FLOATS = {
     "approach_speed": "speed_variance",
     "min_distance": "distance_variance",
 }
+# What the nodes publish; the VNM's pose at each image's stamp comes beside it.
+POSE = "/vnm/pose"
 TOPICS = {
     "/pipeline/vectorized": "pipeline_tracker_msgs/msg/VectorizedStereo",
     "/pipeline/recognition_request": "std_msgs/msg/Header",
@@ -74,7 +76,7 @@ class ResultBag:
             OSError: it cannot be written.
         """
         self._writer.open()
-        for topic, type_name in TOPICS.items():
+        for topic, type_name in {**TOPICS, POSE: "geometry_msgs/msg/PoseStamped"}.items():
             self._connections[topic] = self._writer.add_connection(
                 topic, type_name, typestore=self._factory.store
             )
@@ -115,9 +117,10 @@ class ResultBag:
         base, odom = self._settings.frames.base_link, self._settings.frames.odom
 
         def put(name: str, message: Any) -> None:
-            connection = self._connections[f"/pipeline/{name}"]
-            self._writer.write(connection, stamp, factory.serialize(message))
+            self._put(f"/pipeline/{name}", stamp, message)
 
+        if pose is not None:
+            self._put(POSE, stamp, messages.pose_stamped_message(factory, pose, stamp, odom))
         put(
             "vectorized",
             messages.vectorized_message(
@@ -137,3 +140,6 @@ class ResultBag:
         if self._centerline.update(state, segment, pose):
             put("centerline", self._centerline.message(factory, stamp, odom))
         put("markers", markers_message(factory, status, segment, state, base))
+
+    def _put(self, topic: str, stamp: int, message: Any) -> None:
+        self._writer.write(self._connections[topic], stamp, self._factory.serialize(message))
