@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from pipeline_tracker.errors import EvaluationError
-from pipeline_tracker.evaluation.figures import Evaluation, count, group_figures
+from pipeline_tracker.evaluation.figures import count, frame_figures, group_figures
+from pipeline_tracker.evaluation.fit import check_fit
 from pipeline_tracker.evaluation.frames import Judge
 from pipeline_tracker.evaluation.replay import Replay, read_replay
+from pipeline_tracker.evaluation.schema import Evaluation, Setup
+from pipeline_tracker.evaluation.searches import finding
 from pipeline_tracker.evaluation.table import print_evaluation
 from pipeline_tracker.evaluation.truth import Truth, read_truth
 
 FILE_NAME = "evaluation.json"
-
-# Mean difference of two thumbnails of one image, grey levels: decoders differ by less. Another sea
-# differs by more, as does another frame of the same.
-_SAME_IMAGE = 2.0
 
 
 def evaluate(replay_dir: Path, truth_bag: Path) -> Evaluation:
@@ -39,16 +36,19 @@ def evaluate(replay_dir: Path, truth_bag: Path) -> Evaluation:
         SettingsError: the replay's settings cannot be read.
     """
     replay = read_replay(replay_dir)
-    truth = read_truth(truth_bag, replay.settings, replay.thumbnails.keys())
-    compared = check_fit(replay, truth)
+    truth = read_truth(truth_bag, replay.settings, replay.thumbnails.keys(), replay.rig)
+    fit = check_fit(replay, truth)
     judge = Judge(replay, truth)
     frames = [judge.judge(estimate) for estimate in replay.estimates]
     return Evaluation(
         replay=str(replay_dir),
         truth=str(truth_bag),
-        images_compared=compared,
+        fit=fit,
+        setup=_setup(replay, truth),
         counts=count(frames),
+        finding=finding(frames),
         groups=group_figures(frames),
+        per_frame=frame_figures(frames),
     )
 
 
@@ -74,41 +74,17 @@ def evaluate_command(replay_dir: Path, truth_bag: Path, console: Console | None 
     console.print(f"written to {path}", highlight=False, soft_wrap=True)
 
 
-def check_fit(replay: Replay, truth: Truth) -> int:
-    """See that a truth belongs to a replay.
-
-    Args:
-        replay: the replay.
-        truth: the truth.
-
-    Returns:
-        Number of frames whose images were compared.
-
-    Raises:
-        EvaluationError: frames have no true pose, or the bag's images are not those replayed.
-    """
-    stamps = [estimate.stamp_ns for estimate in replay.estimates]
-    missing = [stamp for stamp in stamps if truth.poses.at(stamp) is None]
-    if missing:
-        raise EvaluationError(
-            f"{truth.path}: the truth does not fit the replay {replay.directory}: "
-            f"{len(missing)} of its {len(stamps)} frames have no true pose (the first has the "
-            f"stamp {missing[0]} ns); expected the bag that was replayed"
-        )
-    compared = 0
-    for stamp, seen in replay.thumbnails.items():
-        there = truth.thumbnails.get(stamp)
-        if there is None:
-            continue
-        differs = there.shape != seen.shape or _difference(there, seen) > _SAME_IMAGE
-        if differs:
-            raise EvaluationError(
-                f"{truth.path}: the truth does not fit the replay {replay.directory}: its left "
-                f"image of stamp {stamp} ns is another one; expected the bag that was replayed"
-            )
-        compared += 1
-    return compared
-
-
-def _difference(first: NDArray[Any], second: NDArray[Any]) -> float:
-    return float(np.abs(first.astype(np.int16) - second.astype(np.int16)).mean())
+def _setup(replay: Replay, truth: Truth) -> Setup:
+    settings, rig, mounting = replay.settings, truth.rig, truth.mounting
+    left = None if rig is None else rig.left
+    return Setup(
+        pipe_diameter=2.0 * settings.radius,
+        technique=str(settings.recognition.technique),
+        recognition_only=settings.recognition.only,
+        image_size=None if left is None else [left.width, left.height],
+        field_of_view=None if left is None else 2.0 * math.atan(left.width / (2.0 * left.fx)),
+        baseline=None if rig is None else rig.baseline,
+        mounting_translation=None if mounting is None else mounting.translation.tolist(),
+        mounting_rpy=None if mounting is None else mounting.rpy().tolist(),
+        scenario=truth.scenario,
+    )

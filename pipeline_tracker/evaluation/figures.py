@@ -1,119 +1,30 @@
-"""The figures of a replay: what ``evaluation.json`` holds.
-
-The models are the schema: ``evaluation_schema()`` gives it as JSON Schema, with each description.
-"""
+"""The figures of a replay, computed from its frames; ``schema`` says what each is."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
+from pipeline_tracker.evaluation.contour_error import LINES, LineResult
 from pipeline_tracker.evaluation.frames import FrameResult
 from pipeline_tracker.evaluation.replay import NUMBERS
+from pipeline_tracker.evaluation.schema import (
+    ContourFigures,
+    Counts,
+    Coverage,
+    DivergenceFigures,
+    FrameFigures,
+    GroupFigures,
+    MeanMax,
+    SignedError,
+    Spread,
+)
+from pipeline_tracker.evaluation.uncertainty import LEVELS, chi2_quantile
 
-SCHEMA_VERSION = 1
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class MeanMax(_Model):
-    """Mean and maximum of a measure over frames."""
-
-    mean: float | None = Field(description="Mean; null without frames")
-    max: float | None = Field(description="Maximum; null without frames")
-
-
-class SignedError(_Model):
-    """Statistics of estimate less truth."""
-
-    frames: int = Field(description="Frames that have both")
-    mean: float | None = Field(description="Mean with sign")
-    rms: float | None = Field(description="Root of the mean square")
-    extreme: float | None = Field(description="The error of greatest magnitude, with sign")
-
-
-class DivergenceFigures(_Model):
-    """The paper's measure: sum over the segment's two ends of the distance to the true axis, m."""
-
-    horizontal: MeanMax = Field(description="Sum of the horizontal components, m")
-    vertical: MeanMax = Field(description="Sum of the vertical components, m")
-    total: MeanMax = Field(description="Sum of the distances, m")
-
-
-class Coverage(_Model):
-    """How honest the covariance is."""
-
-    frames: int = Field(description="Frames with a covariance")
-    share: float | None = Field(
-        description="Share of them whose 95 % region of (left, up) at the segment's middle holds "
-        "the true axis"
-    )
-
-
-class GroupFigures(_Model):
-    """The figures of a group of frames."""
-
-    frames: int = Field(description="Frames with a segment, measured against the true axis")
-    divergence: DivergenceFigures
-    errors: dict[str, SignedError] = Field(
-        description="Estimate less truth by column of estimates.csv: heading_misalignment, "
-        "pitch_misalignment (rad), min_distance, lateral_offset (m), approach_speed (m/s)"
-    )
-    coverage_95: Coverage
-
-
-class Counts(_Model):
-    """Frames by what became of them; null where the truth does not tell."""
-
-    frames: int = Field(description="Rows of estimates.csv")
-    valid: int
-    valid_share: float
-    in_view: int | None = Field(description="Frames with any of the pipe inside an image")
-    in_view_valid: int | None
-    detectable: int | None = Field(
-        description="Frames in whose left image, of one contour's length in view, at least a "
-        "quarter is not hidden; null where the bag has no contours to tell what is hidden"
-    )
-    detectable_valid: int | None
-    detectable_valid_share: float | None = Field(description="null without detectable frames")
-    false_valid: int = Field(
-        description="Valid frames with no pipe in view, or an end off by more than 5 cm (10 cm "
-        "beyond 3 m of distance), or the direction by more than 3 degrees"
-    )
-    false_valid_reasons: dict[str, int] = Field(
-        description="By reason: no_pipe_in_view, end, direction; a frame may have several"
-    )
-    false_valid_stamps: list[int] = Field(description="Their stamps, ns")
-    states: dict[str, int] = Field(
-        description="Frames by the state of the tracker; lost: never processed"
-    )
-
-
-class Evaluation(_Model):
-    """A replay measured against the truth."""
-
-    schema_version: int = SCHEMA_VERSION
-    replay: str = Field(description="The replay's directory")
-    truth: str = Field(description="The bag with the truth")
-    images_compared: int = Field(
-        description="Frames whose image in the truth's bag was seen to be the one replayed"
-    )
-    counts: Counts
-    groups: dict[str, GroupFigures] = Field(
-        description="all: valid frames; tracking, recognition: those by mode; technique_1 to "
-        "technique_4: recognitions by technique; coasting: not valid, carried on by the pose. "
-        "Only groups that have frames, and all"
-    )
-
-
-def evaluation_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``evaluation.json``."""
-    return Evaluation.model_json_schema()
+# Within so many sigma lie 95 % of a normal distribution.
+_SIGMAS_95 = 1.96
 
 
 def count(frames: Sequence[FrameResult]) -> Counts:
@@ -163,9 +74,48 @@ def group_figures(frames: Sequence[FrameResult]) -> dict[str, GroupFigures]:
     }
 
 
+def frame_figures(frames: Iterable[FrameResult]) -> list[FrameFigures]:
+    """Return what is told of each frame."""
+    return [_frame(f) for f in frames]
+
+
+def _frame(f: FrameResult) -> FrameFigures:
+    estimate, off, spread = f.estimate, f.divergence, f.uncertainty
+    lines = f.contours or {}
+    return FrameFigures(
+        stamp_ns=estimate.stamp_ns,
+        state=estimate.state,
+        valid=estimate.valid,
+        mode=estimate.mode,
+        technique=estimate.technique,
+        in_view=f.view.in_view,
+        detectable=f.view.detectable,
+        false_reasons=list(f.false_reasons),
+        travelled=f.travelled,
+        horizontal=None if off is None else off.horizontal,
+        vertical=None if off is None else off.vertical,
+        total=None if off is None else off.total,
+        offsets=None if f.offsets is None else list(f.offsets),
+        sigmas=None if spread is None else list(spread.sigmas),
+        nees=None if spread is None else spread.nees,
+        direction_nees=None if spread is None else spread.direction_nees,
+        covered=None if spread is None or spread.nees is None else _covers(spread.nees),
+        errors=f.errors,
+        error_sigmas=f.error_sigmas,
+        contours_px={k: x.error for k, x in lines.items() if x.error is not None},
+        visible_contours_px={
+            k: x.visible_error for k, x in lines.items() if x.visible_error is not None
+        },
+    )
+
+
+def _covers(nees: float) -> bool:
+    return nees <= chi2_quantile(0.95)
+
+
 def _figures(frames: Iterable[FrameResult]) -> GroupFigures:
     measured = [(f, f.divergence) for f in frames if f.divergence is not None]
-    covered = [f.covered for f, _ in measured if f.covered is not None]
+    spreads = [f.uncertainty for f, _ in measured if f.uncertainty is not None]
     return GroupFigures(
         frames=len(measured),
         divergence=DivergenceFigures(
@@ -173,30 +123,80 @@ def _figures(frames: Iterable[FrameResult]) -> GroupFigures:
             vertical=_mean_max([d.vertical for _, d in measured]),
             total=_mean_max([d.total for _, d in measured]),
         ),
-        errors={
-            name: _signed([f.errors[name] for f, _ in measured if name in f.errors])
-            for name in NUMBERS
-        },
-        coverage_95=Coverage(
-            frames=len(covered), share=float(np.mean(covered)) if covered else None
+        errors={name: _signed(name, [f for f, _ in measured]) for name in NUMBERS},
+        coverage_95=_coverage([s.nees for s in spreads if s.nees is not None]),
+        direction_coverage_95=_coverage(
+            [s.direction_nees for s in spreads if s.direction_nees is not None]
         ),
+        contours=_contours([f.contours for f, _ in measured if f.contours]),
     )
 
 
+def _coverage(nees: list[float]) -> Coverage:
+    shares = {
+        f"{level:g}": _mean([float(value <= chi2_quantile(level / 100.0)) for value in nees])
+        for level in LEVELS
+    }
+    return Coverage(frames=len(nees), share=shares["95"], levels=shares, nees_mean=_mean(nees))
+
+
+def _contours(frames: list[dict[str, LineResult]]) -> dict[str, ContourFigures]:
+    if not frames:
+        return {}
+    lines = {name: [f[name] for f in frames if name in f] for name in LINES}
+    groups = {"all": [line for members in lines.values() for line in members], **lines}
+    return {name: _contour(members) for name, members in groups.items() if members}
+
+
+def _contour(lines: list[LineResult]) -> ContourFigures:
+    errors = [line.error for line in lines if line.error is not None]
+    visible = [line.visible_error for line in lines if line.visible_error is not None]
+    known = all(line.missed is not None for line in lines)
+    return ContourFigures(
+        lines=sum(line.seen for line in lines),
+        measured=len(errors),
+        error_px=_spread(errors),
+        worst_px=max((line.worst for line in lines if line.worst is not None), default=None),
+        measured_visible=len(visible) if known else None,
+        visible_error_px=_spread(visible) if known else None,
+        contours_not_visible=sum(line.not_visible for line in lines),
+        wrong_side=sum(line.wrong_side for line in lines),
+        missed=sum(bool(line.missed) for line in lines) if known else None,
+    )
+
+
+def _spread(values: list[float]) -> Spread:
+    if not values:
+        return Spread(mean=None, median=None, p95=None, max=None)
+    return Spread(
+        mean=float(np.mean(values)),
+        median=float(np.median(values)),
+        p95=float(np.percentile(values, 95.0)),
+        max=max(values),
+    )
+
+
+def _mean(values: list[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
 def _mean_max(values: list[float]) -> MeanMax:
-    if not values:
-        return MeanMax(mean=None, max=None)
-    return MeanMax(mean=float(np.mean(values)), max=float(np.max(values)))
+    return MeanMax(mean=_mean(values), max=max(values, default=None))
 
 
-def _signed(values: list[float]) -> SignedError:
-    if not values:
-        return SignedError(frames=0, mean=None, rms=None, extreme=None)
+def _signed(name: str, frames: Sequence[FrameResult]) -> SignedError:
+    values = [f.errors[name] for f in frames if name in f.errors]
+    within = [
+        float(abs(f.errors[name]) <= _SIGMAS_95 * f.error_sigmas[name])
+        for f in frames
+        if name in f.errors and name in f.error_sigmas
+    ]
     return SignedError(
         frames=len(values),
-        mean=float(np.mean(values)),
-        rms=float(np.sqrt(np.mean(np.square(values)))),
-        extreme=max(values, key=abs),
+        mean=_mean(values),
+        rms=math.sqrt(float(np.mean(np.square(values)))) if values else None,
+        extreme=max(values, key=abs, default=None),
+        in_95=_mean(within),
     )
 
 

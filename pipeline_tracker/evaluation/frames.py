@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.evaluation.axis import Divergence, divergence
+from pipeline_tracker.evaluation.contour_error import LineResult, measure_contours
 from pipeline_tracker.evaluation.numbers import TrueFrame, wrapped_error
 from pipeline_tracker.evaluation.replay import Estimate, Replay
 from pipeline_tracker.evaluation.truth import Truth
-from pipeline_tracker.evaluation.view import View, pipe_in_view
+from pipeline_tracker.evaluation.uncertainty import Uncertainty, segment_offsets, weigh
+from pipeline_tracker.evaluation.view import View, pipe_in_view, true_contours
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS
 from pipeline_tracker.geometry.travel import TravelDirection
@@ -22,8 +24,13 @@ Array = NDArray[np.float64]
 # A valid estimate is false beyond these: an end off the axis (near, and beyond FAR), the direction.
 END_LIMIT, END_LIMIT_FAR, FAR = 0.05, 0.10, 3.0
 DIRECTION_LIMIT = math.radians(3.0)
-# Within this squared distance lie 95 % of a two-dimensional normal distribution.
-CHI2_95 = -2.0 * math.log(0.05)
+# Variances of the relative state, by the name of the table's column.
+_VARIANCES = {
+    "heading_misalignment": "heading_variance",
+    "pitch_misalignment": "pitch_variance",
+    "min_distance": "distance_variance",
+    "approach_speed": "speed_variance",
+}
 
 
 @dataclass(frozen=True)
@@ -36,8 +43,11 @@ class FrameResult:
         divergence: of the segment; None without a segment or without a pipe.
         direction_error: angle between segment and true axis, 0 to pi/2 rad; None likewise.
         errors: estimate less truth, by the name of the table's column; SI units.
-        covered: whether the true axis is inside the 95 % region of (left, up) at the segment's
-            middle; None where the covariance is not known.
+        error_sigmas: standard deviations of these by the relative state, where it tells them.
+        offsets: errors at the segment's middle, (4,), see ``segment_offsets``.
+        uncertainty: how these stand to the covariance; None where it is not known.
+        contours: the contour lines by name; None where the segment's message is not known.
+        travelled: true way of the vehicle since the first frame, m.
         false_reasons: why a valid frame is false: ``no_pipe_in_view``, ``end``, ``direction``.
     """
 
@@ -46,7 +56,11 @@ class FrameResult:
     divergence: Divergence | None = None
     direction_error: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
-    covered: bool | None = None
+    error_sigmas: dict[str, float] = field(default_factory=dict)
+    offsets: Array | None = None
+    uncertainty: Uncertainty | None = None
+    contours: dict[str, LineResult] | None = None
+    travelled: float = 0.0
     false_reasons: tuple[str, ...] = ()
 
 
@@ -75,6 +89,8 @@ class Judge:
         self._travel = TravelDirection()
         self._previous: int | None = None
         self._reset_counter: int | None = None
+        self._place: Array | None = None
+        self._travelled = 0.0
 
     def judge(self, estimate: Estimate) -> FrameResult:
         """Measure the next frame.
@@ -88,12 +104,20 @@ class Judge:
         self._forget_with_the_tracker(estimate.stamp_ns)
         motion = self._motion(estimate.stamp_ns, pose)
         result = FrameResult(
-            estimate, pipe_in_view(self._truth, estimate.stamp_ns, pose, self._radius)
+            estimate,
+            pipe_in_view(self._truth, estimate.stamp_ns, pose, self._radius),
+            travelled=self._travel_to(pose.translation),
         )
         if estimate.start is not None and estimate.end is not None and not self._truth.axis.empty:
             ends = pose.apply(np.stack((estimate.start, estimate.end)))
             result = self._measure(result, pose, motion, ends)
         return replace(result, false_reasons=self._false_reasons(result, pose))
+
+    def _travel_to(self, place: Array) -> float:
+        if self._place is not None:
+            self._travelled += float(np.linalg.norm(place - self._place))
+        self._place = place
+        return self._travelled
 
     def _forget_with_the_tracker(self, stamp: int) -> None:
         """Begin anew where the tracker did: direction of travel and previous image."""
@@ -142,7 +166,7 @@ class Judge:
             velocity=None if motion is None else motion.way / motion.duration,
         ).numbers()
         estimated = result.estimate.numbers
-        covariance = self._replay.covariances.get(stamp)
+        result = self._uncertain(result, ends, line)
         return replace(
             result,
             divergence=divergence(ends[0], ends[1], self._truth.axis),
@@ -152,8 +176,14 @@ class Judge:
                 for name, value in estimated.items()
                 if name in true
             },
-            covered=None if covariance is None else self._is_covered(ends, way, covariance),
+            error_sigmas=self._error_sigmas(stamp),
+            contours=self._contours(stamp, pose, ends, way),
         )
+
+    def _error_sigmas(self, stamp: int) -> dict[str, float]:
+        state = self._replay.states.get(stamp)
+        variances = {name: getattr(state, field, -1.0) for name, field in _VARIANCES.items()}
+        return {name: math.sqrt(v) for name, v in variances.items() if v > 0.0}
 
     def _true_line(self, ends: Array) -> tuple[Array, Array]:
         """Return point and direction of the true axis beside an estimate.
@@ -177,19 +207,26 @@ class Judge:
             return state.motion_observed and speed > 0.0
         return speed >= self._replay.settings.motion.min_speed and speed > 0.0
 
-    def _is_covered(self, ends: Array, way: Array, covariance: Array) -> bool | None:
-        left = np.array([-way[1], way[0], 0.0])
-        if not np.linalg.norm(left) > 0.0:
+    def _uncertain(self, result: FrameResult, ends: Array, line: Array) -> FrameResult:
+        """Add the errors at the segment's middle, and how they stand to the covariance."""
+        foot = self._truth.axis.nearest(ends.mean(axis=0))
+        offsets = segment_offsets(ends[0], ends[1], foot, line)
+        segment = self._replay.segments.get(result.estimate.stamp_ns)
+        if offsets is None or segment is None:
+            return replace(result, offsets=offsets)
+        return replace(result, offsets=offsets, uncertainty=weigh(offsets, segment.covariance))
+
+    def _contours(
+        self, stamp: int, pose: Pose, ends: Array, way: Array
+    ) -> dict[str, LineResult] | None:
+        segment = self._replay.segments.get(stamp)
+        if segment is None:
             return None
-        left /= np.linalg.norm(left)
-        up = np.cross(way, left)
-        middle = ends.mean(axis=0)
-        error = middle - self._truth.axis.nearest(middle)
-        part = covariance[:2, :2]
-        if not (np.isfinite(part).all() and part[0, 0] > 0.0 and np.linalg.det(part) > 0.0):
-            return None
-        offsets = np.array([error @ left, error @ up])
-        return bool(offsets @ np.linalg.solve(part, offsets) <= CHI2_95)
+        truths = tuple(
+            true_contours(self._truth, stamp, pose, self._radius, image) for image in (0, 1)
+        )
+        listed = self._truth.axis.tangent(ends.mean(axis=0))
+        return measure_contours(segment, truths, reverse=float(way @ listed) < 0.0)
 
     def _false_reasons(self, result: FrameResult, pose: Pose) -> tuple[str, ...]:
         """Say why a valid frame is false; nothing where it is true, or not valid."""

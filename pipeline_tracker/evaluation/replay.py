@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.errors import EvaluationError
-from pipeline_tracker.messages import relative_state_from_message, segment_from_message, stamp_ns
+from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.messages import (
+    pose_from_message,
+    relative_state_from_message,
+    segment_from_message,
+    stamp_ns,
+    vectorized_from_message,
+)
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import load_settings
-from pipeline_tracker.types import RelativeState
+from pipeline_tracker.types import PipeSegment, RelativeState
 
 Array = NDArray[np.float64]
 
+# The VNM's pose of each frame, in the result bag.
+POSE = "vnm/pose"
 _POINTS = [f"{end}_{axis}" for end in ("start", "end") for axis in "xyz"]
 NUMBERS = (
     "heading_misalignment",
@@ -54,7 +65,7 @@ class Estimate:
     numbers: dict[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Replay:
     """A replay.
 
@@ -62,17 +73,21 @@ class Replay:
         directory: where it is.
         settings: its settings.
         estimates: its rows, in time order.
-        covariances: 4 x 4 of the segment by stamp; empty where the result bag is missing.
+        segments: the segment by stamp; empty where the result bag is missing.
         states: the relative state by stamp, likewise.
         thumbnails: left thumbnail by stamp, of a few frames, as the replay saw them.
+        poses: odom <- base_link by stamp, as the replay took them; empty where it did not say.
+        rig: the cameras; None where the result bag is missing.
     """
 
     directory: Path
     settings: Settings
     estimates: list[Estimate]
-    covariances: dict[int, Array]
-    states: dict[int, RelativeState]
-    thumbnails: dict[int, NDArray[np.uint8]]
+    segments: dict[int, PipeSegment] = field(default_factory=dict)
+    states: dict[int, RelativeState] = field(default_factory=dict)
+    thumbnails: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
+    poses: dict[int, Pose] = field(default_factory=dict)
+    rig: StereoRig | None = None
 
 
 def read_replay(directory: Path, thumbnails: int = 5) -> Replay:
@@ -99,7 +114,7 @@ def read_replay(directory: Path, thumbnails: int = 5) -> Replay:
         raise EvaluationError(f"{table}: it has no rows, there is nothing to evaluate")
     every = max(1, len(estimates) // thumbnails)
     wanted = {e.stamp_ns for e in estimates[every // 2 :: every][:thumbnails]}
-    replay = Replay(directory, load_settings(config), estimates, {}, {}, {})
+    replay = Replay(directory, load_settings(config), estimates)
     if (directory / "result").exists():
         _read_result(directory / "result", replay, wanted)
     return replay
@@ -156,25 +171,42 @@ def _number(cell: str) -> float:
     return value
 
 
+def _segment(path: Path, message: Any) -> PipeSegment:
+    segment = segment_from_message(message)
+    bits = int(segment.visible_contours).bit_count()
+    if len(segment.contours) != bits:
+        raise EvaluationError(
+            f"{path}: the segment of stamp {segment.stamp_ns} ns has {len(segment.contours)} "
+            f"contours for {bits} bits of visible_contours; replay again"
+        )
+    return segment
+
+
 def _read_result(path: Path, replay: Replay, thumbnails: set[int]) -> None:
     """Fill in what the table does not hold."""
     with BagReader(path) as bag:
         names = {
             name: kind
             for name in bag.topics
-            for kind in ("segment", "relative_state", "vectorized")
-            if name.endswith(f"pipeline/{kind}")
+            for kind in ("pipeline/segment", "pipeline/relative_state", "pipeline/vectorized", POSE)
+            if name.endswith(kind)
         }
         for record in bag.records(names):
             kind = names[record.topic]
-            if kind == "vectorized" and record.stamp_guess() not in thumbnails:
+            if kind == "pipeline/vectorized" and not (
+                replay.rig is None or record.stamp_guess() in thumbnails
+            ):
                 continue
             message = record.unpack()
             stamp = stamp_ns(message.header)
-            if kind == "segment":
-                replay.covariances[stamp] = segment_from_message(message).covariance
-            elif kind == "relative_state":
+            if kind == "pipeline/segment":
+                replay.segments[stamp] = _segment(path, message)
+            elif kind == "pipeline/relative_state":
                 replay.states[stamp] = relative_state_from_message(message)
+            elif kind == POSE:
+                replay.poses[stamp] = pose_from_message(message)[1]
             else:
-                shape = (message.left_info.height // 8, message.left_info.width // 8)
-                replay.thumbnails[stamp] = np.array(message.left_thumbnail, np.uint8).reshape(shape)
+                vectorized = vectorized_from_message(message)
+                replay.rig = vectorized.rig
+                if stamp in thumbnails:
+                    replay.thumbnails[stamp] = vectorized.left_thumbnail

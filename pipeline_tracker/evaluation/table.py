@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from rich.console import Console
 from rich.table import Table
 
-from pipeline_tracker.evaluation.figures import Counts, Evaluation, MeanMax, SignedError
+from pipeline_tracker.evaluation.schema import Counts, Evaluation, MeanMax, SignedError
 
 _TITLES = {
     "all": "all valid",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,29 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.bags.reader import BagReader
-from pipeline_tracker.bags.topics import ReplayTopics, find_topics
-from pipeline_tracker.errors import BagError, CalibrationError, EvaluationError
+from pipeline_tracker.errors import EvaluationError, SettingsError
 from pipeline_tracker.evaluation.axis import TrueAxis
-from pipeline_tracker.evaluation.contours import contours_from_message, is_detectable
-from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
+from pipeline_tracker.evaluation.contours import (
+    TrueContours,
+    contours_from_message,
+    is_detectable,
+)
+from pipeline_tracker.evaluation.recording import Recording, known_mounting, read_recording
+from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
-from pipeline_tracker.images import ImageError, decode_image
 from pipeline_tracker.messages import (
-    camera_from_info,
     pose_from_message,
     stamp_ns,
-    transform_from_message,
 )
-from pipeline_tracker.mounting import StaticTransforms, find_mounting, mounting_from_settings
 from pipeline_tracker.settings import Settings
-from pipeline_tracker.vectorization.vectorizer import thumbnail
+from pipeline_tracker.settings_io import parse_yaml
 
 Array = NDArray[np.float64]
 
 POSE = "/ground_truth/pose"
 CENTERLINE = "/ground_truth/centerline"
-CONTOURS = "/ground_truth/contours/left"
+CONTOURS = ("/ground_truth/contours/left", "/ground_truth/contours/right")
+SCENARIO = "/ground_truth/scenario"
 # A true pose is taken between two others that are so near to each other, s.
 _POSE_GAP = 0.2
 _FOREVER = 1e9
@@ -50,11 +50,14 @@ class Truth:
         track: the same, interpolated as far as a replay interpolates its own, for the motion.
         axis: the true axis, put together from all stretches.
         stretches: the stretch published with a frame, (M, 3), m, by stamp.
-        rig: the cameras, or None where the bag has no calibration.
+        rig: the cameras, or None where they are not known.
         mounting: base_link <- left optical frame, or None where it is not known.
         detectable: whether the left image shows enough of a contour, by stamp; None where the bag
             does not tell what is hidden.
-        thumbnails: left thumbnail by stamp, of the frames asked for that have an image.
+        contours: the contours in the left and in the right image, by stamp; empty where the bag
+            does not tell them.
+        recording: what else the bag has.
+        scenario: the scenario of a simulated bag.
     """
 
     path: Path
@@ -65,7 +68,11 @@ class Truth:
     rig: StereoRig | None = None
     mounting: Pose | None = None
     detectable: dict[int, bool] | None = None
-    thumbnails: dict[int, NDArray[np.uint8]] = field(default_factory=dict)
+    contours: tuple[dict[int, TrueContours], dict[int, TrueContours]] = field(
+        default_factory=lambda: ({}, {})
+    )
+    recording: Recording = field(default_factory=Recording)
+    scenario: dict[str, Any] | None = None
 
     def near(self, stamp: int) -> list[Array]:
         """Return the polylines that may be in view in a frame, (M, 3) each, m.
@@ -76,7 +83,12 @@ class Truth:
         return list(self.stretches.values()) if own is None else [own]
 
 
-def read_truth(path: Path, settings: Settings, thumbnails: Collection[int] = ()) -> Truth:
+def read_truth(
+    path: Path,
+    settings: Settings,
+    thumbnails: Collection[int] = (),
+    rig: StereoRig | None = None,
+) -> Truth:
     """Read the truth of a bag.
 
     Args:
@@ -84,6 +96,7 @@ def read_truth(path: Path, settings: Settings, thumbnails: Collection[int] = ())
         settings: the replay's settings; names of topics and frames, and the mounting where the
             bag's static transforms do not give it.
         thumbnails: stamps of frames of which to make the left thumbnail, ns.
+        rig: the cameras where the bag has no calibration.
 
     Raises:
         EvaluationError: the bag has no truth.
@@ -114,13 +127,39 @@ def read_truth(path: Path, settings: Settings, thumbnails: Collection[int] = ())
                 f"{frames[CENTERLINE]!r}, expected one frame for both"
             )
         truth = Truth(path, poses, track, TrueAxis(stretches.values()), stretches)
-        if CONTOURS in bag.topics:
-            truth.detectable = {
-                stamp_ns(message.header): is_detectable(*contours_from_message(message, CONTOURS))
-                for message in (record.unpack() for record in bag.records([CONTOURS]))
-            }
-        _add_cameras(bag, settings, truth, thumbnails)
+        _add_contours(bag, truth)
+        truth.recording = read_recording(bag, settings, thumbnails)
+        truth.rig = truth.recording.rig or rig
+        truth.mounting = known_mounting(truth.recording, settings)
+        if SCENARIO in bag.topics:
+            truth.scenario = _scenario(bag)
     return truth
+
+
+def _add_contours(bag: BagReader, truth: Truth) -> None:
+    for record in bag.records([name for name in CONTOURS if name in bag.topics]):
+        message = record.unpack()
+        pixels, flags = contours_from_message(message, record.topic)
+        if len(flags) != 2:
+            raise EvaluationError(
+                f"{bag.path}: {record.topic} has {len(flags)} rows of contours, expected 2: left "
+                "and right of the pipe"
+            )
+        image = CONTOURS.index(record.topic)
+        truth.contours[image][stamp_ns(message.header)] = TrueContours(pixels, flags)
+    if truth.contours[0]:
+        truth.detectable = {
+            stamp: is_detectable(told.pixels, told.flags)
+            for stamp, told in truth.contours[0].items()
+        }
+
+
+def _scenario(bag: BagReader) -> dict[str, Any] | None:
+    try:
+        scenario = parse_yaml(str(bag.first(SCENARIO).data).encode(), "")
+    except SettingsError as error:
+        raise EvaluationError(f"{bag.path}: {SCENARIO} cannot be read: {error}") from None
+    return scenario if isinstance(scenario, dict) else None
 
 
 def _pose(path: Path, message: Any) -> tuple[int, Pose]:
@@ -136,40 +175,3 @@ def _stretch(path: Path, message: Any) -> Array:
     if not np.isfinite(stretch).all():
         raise EvaluationError(f"{path}: {CENTERLINE} has a point that is not finite")
     return stretch
-
-
-def _add_cameras(
-    bag: BagReader, settings: Settings, truth: Truth, thumbnails: Collection[int]
-) -> None:
-    """Add what the truth can do without: calibration, mounting and thumbnails."""
-    try:
-        topics = find_topics(str(bag.path), bag.topics, settings)
-        left = camera_from_info(bag.first(topics.left_info))
-        right = camera_from_info(bag.first(topics.right_info)) if topics.right_info else None
-        truth.rig = stereo_rig(left, right)
-    except (BagError, CalibrationError):
-        truth.mounting = mounting_from_settings(settings)
-        return
-    truth.mounting = _mounting(bag, settings, topics)
-    for record in bag.records([topics.left_image], complete=False) if thumbnails else ():
-        if record.stamp_guess() in thumbnails:
-            message = record.unpack()
-            with suppress(ImageError):
-                image = decode_image(message, settings.image)
-                truth.thumbnails[stamp_ns(message.header)] = thumbnail(image)
-
-
-def _mounting(bag: BagReader, settings: Settings, topics: ReplayTopics) -> Pose | None:
-    """Return the true mounting: the bag's own, else what the settings say."""
-    transforms = StaticTransforms()
-    for record in bag.records([topics.transforms]) if topics.transforms else ():
-        for transform in record.unpack().transforms:
-            transforms.add(*transform_from_message(transform))
-    frame = settings.frames.left_optical or bag.first(topics.left_image).header.frame_id
-    found = transforms.between(settings.frames.base_link, frame)
-    if found is not None:
-        return found
-    try:
-        return find_mounting(settings, transforms, frame)
-    except CalibrationError:
-        return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.evaluation.contours import OUTSIDE, VISIBLE, TrueContours
 from pipeline_tracker.evaluation.truth import Truth
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
@@ -82,8 +83,10 @@ def sections(polyline: Array) -> tuple[Array, Array]:
     return points, np.concatenate((tangents[piece], tangents[-1:]))
 
 
-def contours_in_view(points: Array, tangents: Array, radius: float, camera: Camera) -> Array:
-    """Find which sections of the pipe's two contours, and of its axis, are inside an image.
+def contour_points(
+    points: Array, tangents: Array, radius: float, camera: Camera
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Find the pipe's two contours as a camera sees them, section by section.
 
     The contour of a bent pipe: where the surface's normal is square to the line of sight.
 
@@ -93,7 +96,8 @@ def contours_in_view(points: Array, tangents: Array, radius: float, camera: Came
         camera: the camera.
 
     Returns:
-        (3, S) bool: left contour, right contour, axis.
+        Points (2, S, 3) in the left optical frame, m, side 0 left of the tangent, and for each
+        section whether the camera is outside its circle; without that there is no contour.
     """
     to_camera = camera.centre - points
     aside = to_camera - np.sum(to_camera * tangents, axis=1)[:, None] * tangents
@@ -104,8 +108,60 @@ def contours_in_view(points: Array, tangents: Array, radius: float, camera: Came
     e2 = np.cross(tangents, e1)
     near = radius**2 / safe * e1
     across = radius * np.sqrt(np.maximum(0.0, 1.0 - (radius / safe) ** 2)) * e2
-    seen = [_inside(points + near + sign * across, camera) & outside for sign in (-1.0, 1.0)]
+    return np.stack([points + near + sign * across for sign in (-1.0, 1.0)]), outside
+
+
+def contours_in_view(points: Array, tangents: Array, radius: float, camera: Camera) -> Array:
+    """Find which sections of the pipe's two contours, and of its axis, are inside an image.
+
+    Args:
+        points, tangents, radius, camera: see ``contour_points``.
+
+    Returns:
+        (3, S) bool: left contour, right contour, axis.
+    """
+    contours, outside = contour_points(points, tangents, radius, camera)
+    seen = [_inside(contour, camera) & outside for contour in contours]
     return np.stack([*seen, _inside(points, camera)])
+
+
+def true_contours(
+    truth: Truth, stamp: int, pose: Pose, radius: float, image: int
+) -> TrueContours | None:
+    """Return the true contours in an image: as the bag tells them, else computed from the axis.
+
+    Args:
+        truth: the truth.
+        stamp: of the frame, ns.
+        pose: world <- base_link.
+        radius: the pipe's, m.
+        image: 0 left, 1 right.
+
+    Returns:
+        The contours; None where they are not known: the bag has no cameras.
+    """
+    told = truth.contours[image].get(stamp)
+    if told is not None:
+        return told
+    if truth.rig is None or truth.mounting is None or image >= len(truth.rig.cameras):
+        return None
+    camera, to_camera = truth.rig.cameras[image], (pose @ truth.mounting).inverse()
+    pixels, inside = [], []
+    gap = np.full((2, 1, 2), np.nan)
+    for line in truth.near(stamp):
+        points, tangents = sections(line)
+        contours, outside = contour_points(
+            to_camera.apply(points), to_camera.rotate(tangents), radius, camera
+        )
+        before = outside & (contours[..., 2] > _NEAR)
+        shown = camera.project(np.where(before[..., None], contours, [0.0, 0.0, 1.0]))
+        pixels += [np.where(before[..., None], shown, np.nan), gap]
+        seen = np.stack([_inside(contour, camera) & outside for contour in contours])
+        inside += [seen, np.zeros((2, 1), bool)]
+    if not pixels:
+        return TrueContours(np.zeros((2, 0, 2)), np.zeros((2, 0), np.int64), hidden_known=False)
+    flags = np.where(np.concatenate(inside, axis=1), VISIBLE, OUTSIDE)
+    return TrueContours(np.concatenate(pixels, axis=1), flags, hidden_known=False)
 
 
 def _inside(points: Array, camera: Camera) -> NDArray[np.bool_]:

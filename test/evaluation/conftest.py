@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -27,6 +28,7 @@ from pipeline_tracker.messages import (
     segment_message,
     vectorized_message,
 )
+from pipeline_tracker.mounting import mounting_as_settings
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.replay.estimates import COLUMNS, estimate_row
 from pipeline_tracker.settings import Settings
@@ -79,6 +81,10 @@ class Sea:
         self.centerline: Array = np.stack((x, 0.01 * x**2, 0.1 * x + 0.2), axis=1)
         self.contours: list[tuple[Array, Array]] | None = None
         self.images: list[NDArray[np.uint8]] | None = None
+        # None: the VNM is without error.
+        self.vnm: list[Pose] | None = None
+        self.cameras = (LEFT, RIGHT)
+        self.mounting = MOUNTING
         self.messages = BagMessages()
 
     def frames(self) -> list[Frame]:
@@ -95,15 +101,16 @@ class Sea:
             frames.append(Frame(stamp, pose, segment))
         return frames
 
-    def write_truth(self, path: Path) -> Path:
-        """Write the bag with the truth."""
+    def write_truth(self, path: Path, *, leave_out: tuple[str, ...] = ()) -> Path:
+        """Write the bag with the truth, without topics whose names begin so."""
         make = self.messages.message
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            bag = _Bag(writer, self.messages)
+            bag = _Bag(writer, self.messages, leave_out)
             bag.write("/tf_static", self.stamps[0], self._transforms())
             for i, (stamp, pose) in enumerate(zip(self.stamps, self.poses, strict=True)):
                 header = header_message(self.messages, stamp, "world")
                 bag.write("/ground_truth/pose", stamp, self._stamped(header, pose))
+                bag.write("/vnm/pose", stamp, self._navigation(i))
                 points = [self._stamped(header, Pose(np.eye(3), p)) for p in self.centerline]
                 bag.write(
                     "/ground_truth/centerline",
@@ -113,7 +120,7 @@ class Sea:
                 if self.contours is not None:
                     cloud = contour_cloud(self.messages, stamp, *self.contours[i])
                     bag.write("/ground_truth/contours/left", stamp, cloud)
-                for name, camera in (("left", LEFT), ("right", RIGHT)):
+                for name, camera in zip(("left", "right"), self.cameras, strict=True):
                     info = camera_info_message(self.messages, camera, stamp, f"{name}_optical")
                     bag.write(f"/stereo/{name}/camera_info", stamp, info)
                     image = self._image(stamp, name, i)
@@ -123,7 +130,13 @@ class Sea:
     def write_replay(self, directory: Path, frames: list[Frame], *, result: bool = True) -> Path:
         """Write a replay's directory; relative states as the estimator gives them."""
         directory.mkdir()
-        (directory / "settings.yaml").write_text(f"pipe.diameter: {2.0 * RADIUS}\n")
+        settings = {
+            "pipe.diameter": 2.0 * RADIUS,
+            "topics.pose": "/vnm/pose",
+            "frames.left_optical": "left_optical",
+        }
+        settings |= mounting_as_settings(MOUNTING)
+        (directory / "settings.yaml").write_text(yaml.safe_dump(settings))
         estimator, poses = RelativeStateEstimator(SETTINGS, MOUNTING), PoseBuffer(3.0)
         rows, records = [], []
         for frame in frames:
@@ -155,6 +168,8 @@ class Sea:
 
     def _write_result(self, bag: _Bag, index: int, frame: Frame, state: Any) -> None:
         stamp = frame.stamp_ns
+        if frame.has_pose:
+            bag.write("/vnm/pose", stamp, self._navigation(index))
         if self.images is not None:
             nothing = np.zeros((0, 4), np.float32)
             small = thumbnail(self.images[index])
@@ -167,6 +182,10 @@ class Sea:
             bag.write("/pipeline/segment", stamp, message)
         message = relative_state_message(self.messages, state, "base_link")
         bag.write("/pipeline/relative_state", stamp, message)
+
+    def _navigation(self, index: int) -> Any:
+        pose = (self.vnm or self.poses)[index]
+        return self._stamped(header_message(self.messages, self.stamps[index], "odom"), pose)
 
     def _image(self, stamp: int, name: str, index: int) -> Any:
         pixels = np.zeros((128, 160), np.uint8) if self.images is None else self.images[index]
@@ -181,7 +200,7 @@ class Sea:
         )
 
     def _transforms(self) -> Any:
-        make, pose = self.messages.message, pose_message(self.messages, MOUNTING)
+        make, pose = self.messages.message, pose_message(self.messages, self.mounting)
         place = pose.position
         transform = make(
             "geometry_msgs/msg/TransformStamped",
@@ -212,12 +231,17 @@ class Sea:
 class _Bag:
     """Writes messages, and makes connections as they are needed."""
 
-    def __init__(self, writer: Writer, messages: BagMessages) -> None:
+    def __init__(
+        self, writer: Writer, messages: BagMessages, leave_out: tuple[str, ...] = ()
+    ) -> None:
         self._writer = writer
+        self._leave_out = leave_out
         self._messages = messages
         self._connections: dict[str, Any] = {}
 
     def write(self, topic: str, stamp: int, message: Any) -> None:
+        if topic.startswith(self._leave_out):
+            return
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
                 topic, message.__msgtype__, typestore=self._messages.store

@@ -309,7 +309,7 @@ def test_another_sea_with_the_same_stamps_is_refused(
     rng = np.random.default_rng(1)
     sea.images = list(rng.integers(0, 255, (12, 128, 160), dtype=np.uint8))
     directory = sea.write_replay(tmp_path / "replay", sea.frames())
-    assert evaluate(directory, sea.write_truth(tmp_path / "own")).images_compared == 5
+    assert evaluate(directory, sea.write_truth(tmp_path / "own")).fit.images_compared == 5
     other = make_sea()
     other.images = list(rng.integers(0, 255, (12, 128, 160), dtype=np.uint8))
     with pytest.raises(EvaluationError, match=r"left image of stamp .* is another one"):
