@@ -9,13 +9,14 @@ from pipeline_tracker.support import Support
 from pipeline_tracker.types import Contours
 
 # Measured on rendered seas: a pipe has 0.75 or more of the points of its face on it and a gain
-# over a plane of 1 or more; stones, humps and ripples up to 0.9 and 1.3, but then no contours.
+# over a plane of 0.9 or more, half buried or far away; a bed without a pipe 0.5 and nothing.
 FULL_GAIN = 1.2
-LEAST_GAIN = 0.9
+LEAST_GAIN = 0.5
 LEAST_FACE_SHARE = 0.7
 LEAST_CONTOUR_SHARE = 0.12
-GOOD_CONTOUR_SHARE, GOOD_LEAST_GAIN, GOOD_LEAST_FACE_SHARE = 0.3, 0.3, 0.8
-STRONG_GAIN, STRONG_FACE_SHARE = 1.3, 0.92
+GOOD_CONTOUR_SHARE, GOOD_LEAST_GAIN, GOOD_LEAST_FACE_SHARE = 0.3, 0.2, 0.8
+CLEAR_CONTOUR_SHARE, CLEAR_LEAST_GAIN = 0.5, -0.1
+STRONG_GAIN, STRONG_FACE_SHARE = 1.0, 0.92
 # Where the face has no texture to match, the contours alone must speak.
 ALONE_CONTOUR_SHARE = 0.35
 # A contour that is supported along half of its length is all that can be hoped for in the sea.
@@ -68,10 +69,11 @@ def _refused_by_surface(support: Support) -> str:
     shaped = support.face_share >= LEAST_FACE_SHARE and support.face_gain >= LEAST_GAIN
     # A short baseline or a wide angle makes cylinder and plane alike within the noise; where the
     # contours are good, it is enough that the surface does not speak against them.
+    clear = support.contour_share >= CLEAR_CONTOUR_SHARE
     fitting = (
         support.contour_share >= GOOD_CONTOUR_SHARE
         and support.face_share >= GOOD_LEAST_FACE_SHARE
-        and support.face_gain >= GOOD_LEAST_GAIN
+        and support.face_gain >= (CLEAR_LEAST_GAIN if clear else GOOD_LEAST_GAIN)
     )
     if not shaped and not fitting:
         return "surface_not_a_pipe"

@@ -76,6 +76,7 @@ class Evidence:
         sides: (M,) -1 left contour, +1 right contour, as seen along the axis' direction.
         ray_sigmas: standard deviation of each ray's direction, (M,), rad.
         ray_weights: (M,) weight of each ray (a long segment counts more).
+        point_weight: weight of each point; below 1 where neighbours err alike.
     """
 
     points: Array
@@ -85,6 +86,7 @@ class Evidence:
     sides: Array
     ray_sigmas: Array
     ray_weights: Array
+    point_weight: float = 1.0
 
     def only_points(self) -> Evidence:
         """Return the same without contours."""
@@ -305,7 +307,7 @@ def fit_axis(
     jacobian = np.empty((_PARAMETERS, size))
     weights = np.zeros(size)
     scale = np.ones(size)
-    base = np.concatenate((np.ones(points), evidence.ray_weights))
+    base = np.concatenate((np.full(points, evidence.point_weight), evidence.ray_weights))
     arguments = (
         frame,
         radius,

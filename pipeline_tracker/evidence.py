@@ -21,6 +21,10 @@ ROUGHNESS = 0.003
 # The face is taken up to this share of the radius to each side; nearer to the contour a patch
 # holds pipe and bed at once.
 FACE_SHARE = 0.9
+# A patch that reaches over the contour holds bed too: so far from it, px at 1200 px width.
+_BORDER = 10.0
+# Patches on the fine grid overlap and err alike: two of them count as one.
+_POINT_WEIGHT = 0.5
 # Only so much of the axis to each side of the middle is fitted, m: one bend describes no more of a
 # real pipe than that.
 SPAN = 1.75
@@ -28,6 +32,9 @@ SPAN = 1.75
 EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
 EDGE_SAMPLE = 30.0
+# However long, a contour counts as at most so many: silt at its foot or the edge of a shadow shifts
+# all of it at once.
+MOST_SAMPLES = 4.0
 REFERENCE_WIDTH = 1200.0
 
 
@@ -134,7 +141,8 @@ def on_face(
     """
     measured = rays_to_axis(surface.rays, camera, axis)
     limb = np.maximum(radius * share, 0.0)
-    margin = np.minimum(radius - 5.0 * measured[:, 1] / camera.fx * _scale(camera), limb)
+    border = _BORDER * _scale(camera) * measured[:, 1] / camera.fx
+    margin = np.minimum(radius - border, limb)
     mask: NDArray[np.bool_] = (
         (np.abs(measured[:, 0]) < margin) & (measured[:, 1] > 0.0) & (np.abs(measured[:, 2]) < SPAN)
     )
@@ -192,8 +200,11 @@ def contour_rays(
     parallel = np.abs(first - second) < np.maximum(np.sin(angle) * length, 1.5 * _scale(camera))
     within = (np.abs(measured[0::2, 2]) < span) & (np.abs(measured[1::2, 2]) < span)
     mask = np.repeat(same & near & parallel & within, 2)
-    weight = np.repeat(length / (2.0 * EDGE_SAMPLE * camera.width / REFERENCE_WIDTH), 2)
-    return rays[mask], side[mask], weight[mask]
+    weight = np.repeat(length / (2.0 * EDGE_SAMPLE * camera.width / REFERENCE_WIDTH), 2)[mask]
+    side = side[mask]
+    for own in (side < 0, side > 0):
+        weight[own] *= min(1.0, MOST_SAMPLES / max(float(weight[own].sum()), 1e-9))
+    return rays[mask], side, weight
 
 
 def gather(
@@ -235,4 +246,5 @@ def gather(
         sides=np.concatenate(sides),
         ray_sigmas=np.concatenate(sigmas),
         ray_weights=np.concatenate(weights),
+        point_weight=_POINT_WEIGHT,
     )

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 # What no residual shows: calibration, the shape of a real pipe, edges that are not its contour.
 # Standard deviations of left and up for each metre of distance, of heading and pitch in rad; added
 # to those of the fit.
-_MODEL_SIGMAS = np.array([0.0012, 0.0012, 0.003, 0.003])
+_MODEL_SIGMAS = np.array([0.00035, 0.0005, 0.002, 0.002])
 
 
 def middle_of_view(axis: Axis, camera: Camera) -> float:

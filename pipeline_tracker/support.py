@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 # Thresholds of 4.1.3: R in px of a picture 1200 px wide, A in rad.
 DISTANCE = 6.0
 ANGLE = 0.12
+# A strip narrower than this many R has one line for both contours.
+_LEAST_WIDTH = 2.5
 # A contour is called visible from this share of its length in view.
 VISIBLE_SHARE = 0.25
 # A contour may be in view where the axis is not: the view is widened by this share of the width.
@@ -37,6 +39,8 @@ REACH = 6.0
 _PIECES = 8
 _WIDTH = 4.0
 _FULL_COST = _WIDTH * _WIDTH / 6.0
+# Planes through three points that are tried before a fit.
+_TRIPLES = 64
 
 BITS = (
     (Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT),
@@ -165,13 +169,17 @@ def contour_support(
         angle: A, rad.
 
     Returns:
-        The contours in view, left image first.
+        The contours in view, left image first; none of a pipe too far to tell its two contours
+        apart.
     """
     found = []
     segments = (frame.left_segments, frame.right_segments)
     for number, camera in enumerate(frame.rig.cameras):
         scratch = np.empty(int(np.hypot(camera.width, camera.height)) + 4)
         scaled = max(distance * camera.width / REFERENCE_WIDTH, 2.5)
+        away = float(np.linalg.norm(axis.point - camera.centre))
+        if 2.0 * radius * camera.fx < _LEAST_WIDTH * scaled * away:
+            continue
         pieces = contour_pieces(axis, radius, camera)
         for side in (0, 1):
             total, length = 0.0, 0.0
@@ -192,24 +200,45 @@ def _cost(residuals: Array) -> Array:
 
 
 def _plane_cost(points: Array, depth_sigmas: Array, rays: Array) -> Array:
-    """Robust cost of each point for the best plane through the points, same noise assumed."""
+    """Robust cost of each point for the best plane through the points, same noise assumed.
+
+    Begun from the best of many planes through three points: mismatches far off would tilt a fit to
+    all, and make anything better than a plane.
+    """
     sigmas = np.hypot(depth_sigmas, 0.003)
-    weights = np.ones(len(points))
+    centre, normal = _plane_through_most(points, sigmas)
     cost = np.full(len(points), _FULL_COST)
-    for width in (1e3, 20.0, 8.0, _WIDTH, _WIDTH, _WIDTH):
-        total = weights.sum()
-        if total < 3.0:
+    for width in (12.0, 8.0, _WIDTH, _WIDTH, _WIDTH):
+        facing = np.maximum(np.abs(rays @ normal), 0.2)
+        residuals = ((points - centre) @ normal) / np.hypot(depth_sigmas * facing, 0.003)
+        cost = _cost(residuals)
+        weights = np.square(np.clip(1.0 - np.square(residuals / width), 0.0, None)) / sigmas**2
+        total = float(weights.sum())
+        if np.count_nonzero(weights) < 3 or not total > 0.0:
             break
         centre = (points * weights[:, None]).sum(axis=0) / total
         away = points - centre
         _, vectors = np.linalg.eigh((away * weights[:, None]).T @ away)
         normal = vectors[:, 0]
-        facing = np.maximum(np.abs(rays @ normal), 0.2)
-        residuals = (away @ normal) / np.hypot(depth_sigmas * facing, 0.003)
-        cost = _cost(residuals)
-        weights = np.square(np.clip(1.0 - np.square(residuals / width), 0.0, None)) / sigmas**2
-        weights /= max(float(weights.max()), 1e-12)
     return cost
+
+
+def _plane_through_most(points: Array, sigmas: Array) -> tuple[Array, Array]:
+    """Return point and normal of the plane through three of the points that the others like best.
+
+    The triples are the same for the same number of points.
+    """
+    rng = np.random.default_rng(len(points))
+    triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    usable = lengths > 1e-9
+    if not usable.any():
+        return points.mean(axis=0), np.array([0.0, 0.0, 1.0])
+    normals = normals[usable] / lengths[usable, None]
+    heights = points @ normals.T - np.einsum("ij,ij->i", triples[usable, 0], normals)
+    best = int(np.argmin(_cost(heights / sigmas[:, None]).sum(axis=0)))
+    return triples[usable][best, 0], normals[best]
 
 
 def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: float) -> Support:

@@ -14,7 +14,7 @@ from pipeline_tracker.types import Float32Array
 Array = NDArray[np.float64]
 
 # Standard deviation of a match's disparity, px of an image of at most WORKING_WIDTH.
-DISPARITY_SIGMA = 0.15
+DISPARITY_SIGMA = 0.1
 WORKING_WIDTH = 1600
 # Disparities of neighbours differ by the noise and by the relief of the bed: up to this, px, on
 # rendered beds. More means poor matches (no texture, a pair that is not well rectified).

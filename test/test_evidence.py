@@ -147,9 +147,14 @@ def test_segments_along_a_contour_are_found_and_told_by_side(view: object) -> No
     assert np.abs(measured[:, 0] - 0.3 * sides).max() < 1e-4
     assert (sides == -1).any()
     assert (sides == 1).any()
-    # Length in units of 30 px, shared by the two ends.
+    # By length; but a contour, however long, counts as four independent sights of it.
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).astype(np.float64).T)
-    assert 2.0 * weights.max() == pytest.approx(length.max() / 30.0, rel=1e-5)
+    for side in (-1, 1):
+        own = sides[::2] == side
+        assert weights[::2][own] / weights[::2][own].sum() == pytest.approx(
+            length[own] / length[own].sum(), rel=1e-5
+        )
+        assert 2.0 * weights[::2][own].sum() == pytest.approx(4.0)
 
 
 def test_segments_that_are_far_or_steep_are_left_out() -> None:

@@ -17,6 +17,7 @@ from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.support import (
     ContourSupport,
     Support,
+    _plane_cost,
     contour_pieces,
     contour_support,
     judge,
@@ -233,7 +234,15 @@ def test_each_refusal_has_its_word() -> None:
     assert refusal(by_hand((0.9, 0.9, 0.9, 0.0)), stereo=True) == "cameras_disagree"
     assert refusal(by_hand(good, 50, 0.95, 0.0, 2.0), stereo=True) == ""
     assert refusal(by_hand(good, 50, 0.3, 0.0, 2.0), stereo=True) == "surface_not_a_pipe"
-    assert refusal(by_hand(good, 50, 0.95, 0.0, 0.1), stereo=True) == "surface_not_a_pipe"
+    # The clearer the contours, the less must the surface say for a cylinder; never against it.
+    fair = (0.4, 0.4, 0.4, 0.4)
+    for contours, gain, word in (
+        (good, 0.1, ""),
+        (good, -0.3, "surface_not_a_pipe"),
+        (fair, 0.3, ""),
+        (fair, 0.1, "surface_not_a_pipe"),
+    ):
+        assert refusal(by_hand(contours, 50, 0.95, 0.0, gain), stereo=True) == word
     none = (0.0, 0.0, 0.0, 0.0)
     assert refusal(by_hand(none, 50, 0.95, 0.0, 2.0), stereo=True) == "too_little_contour"
 
@@ -262,3 +271,22 @@ def test_a_pierced_pipe_and_one_without_a_face_rank_lower() -> None:
     good = by_hand((0.8,) * 4, 80, 0.9, 0.0, 2.0)
     assert score(by_hand((0.8,) * 4, 80, 0.9, 0.4, 2.0)) < score(good)
     assert score(by_hand((0.8,) * 4)) < score(good)
+
+
+def test_a_strip_as_narrow_as_a_line_has_no_contours() -> None:
+    diver, axis = scene(height=2.0)
+    frame = diver.frame(level_pose())
+    assert contour_support(frame, axis, 0.3)
+    far = Axis.straight(axis.point * 60.0, axis.direction)
+    assert contour_support(frame, far, 0.3) == ()
+
+
+def test_mismatches_do_not_make_a_plane_worse() -> None:
+    rng = np.random.default_rng(5)
+    flat = np.column_stack((rng.uniform(-0.5, 0.5, (300, 2)), np.full(300, 2.0)))
+    flat[:, 2] += 0.01 * rng.standard_normal(300)
+    flat[:15, 2] += rng.uniform(-1.5, 3.0, 15)
+    rays = flat / np.linalg.norm(flat, axis=1)[:, None]
+    cost = _plane_cost(flat, np.full(300, 0.01), rays)
+    assert np.mean(cost[15:]) < 0.6
+    assert (cost[:15] > 2.0).mean() > 0.8

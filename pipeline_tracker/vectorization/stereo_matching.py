@@ -1,26 +1,56 @@
-"""Matches between the two rectified images: patches by ZNCC, coarse to fine (4.2.4, technique 1).
+"""Matches between the two rectified images: coarse to fine, then to sub-pixel (4.2.4, technique 1).
 
 Points are chosen without any prediction, so a pair gives the same matches whatever came before.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.jit import compiled
+from pipeline_tracker.vectorization.coarse_disparity import (
+    COARSE,
+    chosen_points,
+    coarse_disparities,
+)
+from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
 from pipeline_tracker.vectorization.segments import shrink
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
+Points = NDArray[np.int64]
 
-# Half sizes of the patches at 1/4, 1/2 and full size: 9 x 9, 11 x 11 and 13 x 13 px.
-_HALF_QUARTER, _HALF_HALF, _HALF_FULL = 4, 5, 6
-# Disparities are sought up to this share of the width: at 65 degrees of view down to about three
-# baselines away.
-_LARGEST_DISPARITY = 0.25
-_LEAST_COARSE, _LEAST_FINE = 0.35, 0.6
+# Half size of the patches at half the size: 11 x 11 px, and how far from the coarse disparity, px.
+_HALF_PATCH, _REACH = 5, 2
+# Least correlation there, and of the patches once they are aligned at full size.
+_LEAST_COARSE, _LEAST_ALIGNED = 0.35, 0.7
 _MIN_SEGMENT = 40.0
+
+
+class StereoLevels(NamedTuple):
+    """A pair prepared for matching.
+
+    Attributes:
+        left, right: smoothed, full size, (H, W) float32.
+        half_left, half_right: at half the size, (H // 2, W // 2) uint8.
+        coarse: disparities at a quarter of the size, (h, w) float32, coarse px, NaN unknown.
+    """
+
+    left: Float32Array
+    right: Float32Array
+    half_left: Image
+    half_right: Image
+    coarse: Float32Array
+
+
+def stereo_levels(left: Image, right: Image) -> StereoLevels:
+    """Prepare a rectified pair, (H, W) uint8 each, for matching."""
+    half_left, half_right = (np.ascontiguousarray(shrink(image, 2)) for image in (left, right))
+    coarse = coarse_disparities(shrink(half_left, 2), shrink(half_right, 2))
+    return StereoLevels(smoothed(left), smoothed(right), half_left, half_right, coarse)
 
 
 @compiled
@@ -52,94 +82,72 @@ def correlation(left: Image, right: Image, xl: int, xr: int, y: int, half: int) 
 
 
 @compiled
-def _best_disparity(
-    left: Image, right: Image, x: int, y: int, lowest: int, highest: int, half: int
-) -> tuple[int, float]:
-    """Return the disparity of the best correlation in ``lowest..highest`` and its value."""
-    width = right.shape[1]
+def _half_disparity(
+    left: Image, right: Image, x: int, y: int, first: int, last: int
+) -> tuple[float, float]:
+    """Return the best disparity in ``first..last``, to a part of a pixel, and its correlation."""
+    half = _HALF_PATCH
     best = -2.0
-    where = lowest
-    for d in range(lowest, highest + 1):
-        xr = x - d
-        if xr - half < 0 or xr + half >= width:
+    where = first
+    for d in range(first, last + 1):
+        if x - d - half < 0 or x - d + half >= right.shape[1]:
             continue
-        value = correlation(left, right, x, xr, y, half)
+        value = correlation(left, right, x, x - d, y, half)
         if value > best:
             best = value
             where = d
-    return where, best
+    place = x - where
+    if best < _LEAST_COARSE or place - half < 1 or place + half >= right.shape[1] - 1:
+        return float(where), best
+    before = correlation(left, right, x, place + 1, y, half)
+    after = correlation(left, right, x, place - 1, y, half)
+    curvature = 2.0 * best - before - after
+    if curvature <= 0.0 or before > best or after > best:
+        return float(where), best
+    return where + 0.5 * (after - before) / curvature, best
 
 
 @compiled
-def _match(
-    left: tuple[Image, Image, Image],
-    right: tuple[Image, Image, Image],
-    points: NDArray[np.int64],
-    largest: int,
-) -> Float32Array:
+def _match(levels: StereoLevels, weights: Float32Array, points: Points) -> Float32Array:
     """Match points of the left image in the right one; see ``match_points``."""
-    height, width = left[0].shape
     out = np.empty((points.shape[0], 4), np.float32)
     count = 0
+    height, width = levels.left.shape
+    rows, columns = levels.coarse.shape
+    half_height, half_width = levels.half_left.shape
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
-        if x < _HALF_FULL or y < _HALF_FULL or x >= width - _HALF_FULL or y >= height - _HALF_FULL:
+        if x < 0 or y < 0 or x >= width or y >= height or rows == 0 or columns == 0:
             continue
-        xq = x // 4
-        yq = y // 4
-        hq, wq = left[2].shape
-        if (
-            xq < _HALF_QUARTER
-            or yq < _HALF_QUARTER
-            or xq >= wq - _HALF_QUARTER
-            or yq >= hq - _HALF_QUARTER
-        ):
-            continue
-        d, value = _best_disparity(left[2], right[2], xq, yq, 0, largest // 4, _HALF_QUARTER)
-        if value < _LEAST_COARSE:
+        coarse = levels.coarse[min(y // COARSE, rows - 1), min(x // COARSE, columns - 1)]
+        if not coarse >= 0.0:
             continue
         xh = x // 2
         yh = y // 2
-        hh, wh = left[1].shape
-        if xh < _HALF_HALF or yh < _HALF_HALF or xh >= wh - _HALF_HALF or yh >= hh - _HALF_HALF:
+        if (
+            xh < _HALF_PATCH
+            or yh < _HALF_PATCH
+            or xh >= half_width - _HALF_PATCH
+            or yh >= half_height - _HALF_PATCH
+        ):
             continue
-        d, value = _best_disparity(left[1], right[1], xh, yh, 2 * d - 2, 2 * d + 2, _HALF_HALF)
+        middle = int(np.rint(2.0 * coarse))
+        d, value = _half_disparity(
+            levels.half_left, levels.half_right, xh, yh, middle - _REACH, middle + _REACH
+        )
         if value < _LEAST_COARSE:
             continue
-        d, value = _best_disparity(left[0], right[0], x, y, 2 * d - 2, 2 * d + 2, _HALF_FULL)
-        xr = x - d
-        if value < _LEAST_FINE or xr - _HALF_FULL < 1 or xr + _HALF_FULL >= width - 1:
-            continue
-        # Sub-pixel by a parabola through the best correlation and its neighbours.
-        before = correlation(left[0], right[0], x, xr - 1, y, _HALF_FULL)
-        after = correlation(left[0], right[0], x, xr + 1, y, _HALF_FULL)
-        curvature = 2.0 * value - before - after
-        if before > value or after > value or curvature <= 0.0:
+        disparity, value = align_patch(levels.left, levels.right, weights, x, y, 2.0 * d)
+        place = x - disparity
+        if value < _LEAST_ALIGNED or place < 0.0 or place > width - 1:
             continue
         out[count, 0] = x
         out[count, 1] = y
-        out[count, 2] = xr + 0.5 * (after - before) / curvature
+        out[count, 2] = place
         out[count, 3] = y
         count += 1
     return out[:count].copy()
-
-
-def pyramid(image: Image) -> tuple[Image, Image, Image]:
-    """Return an image at full, half and quarter size, each contiguous uint8."""
-    half = np.ascontiguousarray(shrink(image, 2))
-    # One kind of array for all sizes, as images of messages are: one compilation.
-    full = np.ascontiguousarray(image).view()
-    full.flags.writeable = False
-    return full, half, np.ascontiguousarray(shrink(half, 2))
-
-
-def grid_points(width: int, height: int, spacing: int) -> NDArray[np.int64]:
-    """Return the points of a fixed grid, (N, 2) int64, x y, centred in the image."""
-    xs = np.arange((width % spacing) // 2 + spacing // 2, width, spacing)
-    ys = np.arange((height % spacing) // 2 + spacing // 2, height, spacing)
-    gx, gy = np.meshgrid(xs, ys)
-    return np.stack((gx.ravel(), gy.ravel()), axis=1).astype(np.int64)
 
 
 def segment_points(segments: Float32Array, spacing: int) -> NDArray[np.int64]:
@@ -162,15 +170,32 @@ def segment_points(segments: Float32Array, spacing: int) -> NDArray[np.int64]:
     return np.array(sorted(set(points)), np.int64).reshape(-1, 2)
 
 
-def match_points(left: Image, right: Image, points: NDArray[np.int64]) -> Float32Array:
+def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     """Match points of the left rectified image in the right one with sub-pixel accuracy.
 
     Args:
-        left, right: (H, W) uint8.
+        levels: the prepared pair.
         points: (N, 2) int64, x y in the left image, px.
 
     Returns:
         (M, 4) float32, x_left y_left x_right y_right, px, of those that could be matched.
     """
-    largest = int(left.shape[1] * _LARGEST_DISPARITY)
-    return _match(pyramid(left), pyramid(right), points, largest)
+    return _match(levels, patch_weights(), points)
+
+
+def match_pair(left: Image, right: Image, segments: Float32Array, spacing: int) -> Float32Array:
+    """Match a rectified pair on a fixed grid and along the longer segments.
+
+    Args:
+        left, right: (H, W) uint8.
+        segments: of the left image, (N, 4) float32, px.
+        spacing: of the grid where it is finest, px.
+
+    Returns:
+        (M, 4) float32, x_left y_left x_right y_right, px.
+    """
+    levels = stereo_levels(left, right)
+    height, width = left.shape
+    grid = chosen_points(levels.coarse, width, height, spacing)
+    along = segment_points(segments, 2 * spacing)
+    return match_points(levels, np.concatenate((grid, along)))

@@ -16,11 +16,7 @@ from pipeline_tracker.vectorization.segments import (
     shrink,
     to_full_size,
 )
-from pipeline_tracker.vectorization.stereo_matching import (
-    grid_points,
-    match_points,
-    segment_points,
-)
+from pipeline_tracker.vectorization.stereo_matching import match_pair
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
@@ -99,13 +95,10 @@ class Vectorizer:
     def _matches(self, left: Image, right: Image, segments: Float32Array) -> Float32Array:
         factor = _working_factor(left.shape[1])
         small_left, small_right = shrink(left, factor), shrink(right, factor)
-        height, width = small_left.shape
-        spacing = max(8, round(self._settings.match_spacing * width / _REFERENCE_WIDTH))
-        along = segment_points(
-            ((segments + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)), spacing
-        )
-        points = np.concatenate((grid_points(width, height, spacing), along))
-        return to_full_size(match_points(small_left, small_right, points), factor)
+        scale = small_left.shape[1] / _REFERENCE_WIDTH
+        spacing = max(6, round(self._settings.match_spacing * scale))
+        along = (segments + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
+        return to_full_size(match_pair(small_left, small_right, along, spacing), factor)
 
 
 def _read_only(image: Image) -> Image:

@@ -7,12 +7,19 @@ import pytest
 from numpy.typing import NDArray
 from pictures import stereo_pair
 
+from pipeline_tracker.vectorization.coarse_disparity import (
+    COARSE,
+    chosen_points,
+    coarse_disparities,
+    grid_points,
+)
+from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
 from pipeline_tracker.vectorization.stereo_matching import (
     correlation,
-    grid_points,
+    match_pair,
     match_points,
-    pyramid,
     segment_points,
+    stereo_levels,
 )
 
 Image = NDArray[np.uint8]
@@ -20,7 +27,7 @@ Image = NDArray[np.uint8]
 
 def matches_of(left: Image, right: Image, spacing: int = 16) -> NDArray[np.float64]:
     points = grid_points(left.shape[1], left.shape[0], spacing)
-    return match_points(left, right, points).astype(np.float64)
+    return match_points(stereo_levels(left, right), points).astype(np.float64)
 
 
 @pytest.mark.parametrize("disparity", [0.0, 0.3, 3.5, 17.25, 42.7, 80.5, 95.9])
@@ -83,7 +90,7 @@ def test_all_places_are_inside_both_pictures() -> None:
     left, right = stereo_pair(90.0)
     ys, xs = np.mgrid[-20:180:3, -20:420:3]
     everywhere = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
-    found = match_points(left, right, everywhere)
+    found = match_points(stereo_levels(left, right), everywhere)
     assert found.dtype == np.float32
     assert len(found) > 1000
     for column, size in ((0, 400), (1, 160), (2, 400), (3, 160)):
@@ -97,8 +104,9 @@ def test_tiny_images_are_taken(shape: tuple[int, int]) -> None:
     left, right = (random.integers(0, 255, shape).astype(np.uint8) for _ in range(2))
     ys, xs = np.mgrid[0 : shape[0], 0 : shape[1]]
     points = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
-    found = match_points(left, right, points)
+    found = match_points(stereo_levels(left, right), points)
     assert found.shape[1] == 4
+    assert match_pair(left, right, np.zeros((0, 4), np.float32), 6).shape[1] == 4
     assert np.isfinite(found).all()
 
 
@@ -138,8 +146,77 @@ def test_points_go_along_segments_that_do_not_follow_a_row() -> None:
     assert segment_points(segments[:0], 20).shape == (0, 2)
 
 
-def test_the_pyramid_halves_and_is_contiguous() -> None:
-    image = np.arange(41 * 63, dtype=np.uint32).astype(np.uint8).reshape(41, 63)[:, ::-1]
-    full, half, quarter = pyramid(image)
-    assert [level.shape for level in (full, half, quarter)] == [(41, 63), (20, 31), (10, 15)]
-    assert all(level.flags.c_contiguous for level in (full, half, quarter))
+def wave(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Grey levels of a texture that is known between the pixels too."""
+    waves = ((0.61, 0.23, 0.4), (0.34, -0.52, 1.9), (0.83, 0.1, 4.0), (0.15, 0.7, 2.2))
+    return 120.0 + sum(18.0 * np.sin(a * x + b * y + c) for a, b, c in waves)
+
+
+@pytest.mark.parametrize("slant", [(0.0, 0.0), (0.15, 0.0), (-0.2, 0.1), (0.05, -0.25)])
+@pytest.mark.parametrize("start", [-0.9, 0.0, 0.7])
+def test_a_slanted_patch_is_aligned_to_hundredths(slant: tuple[float, float], start: float) -> None:
+    ys, xs = np.mgrid[0:60, 0:120].astype(np.float64)
+    x, y, disparity = 70, 30, 21.37
+    # right(u) = left(x) where u = x - d(x, y); d is a plane through the patch's middle.
+    a, b = slant
+    source = (xs + disparity - a * x + b * (ys - y)) / (1.0 - a)
+    left = np.float32(wave(xs, ys))
+    right = np.float32(0.7 * wave(source, ys) + 20.0)
+    found, quality = align_patch(left, right, patch_weights(), x, y, disparity + start)
+    assert found == pytest.approx(disparity, abs=0.03)
+    assert quality > 0.995
+
+
+def test_a_patch_that_shows_nothing_is_refused() -> None:
+    flat = np.full((60, 120), 90.0, np.float32)
+    ys, xs = np.mgrid[0:60, 0:120].astype(np.float64)
+    textured = np.float32(wave(xs, ys))
+    for pair in ((flat, flat), (flat, textured), (textured, flat)):
+        assert align_patch(*pair, patch_weights(), 70, 30, 20.0)[1] == -1.0
+    # At the border, and where its partner is outside.
+    for x, y, disparity in ((5, 30, 0.0), (70, 4, 0.0), (30, 30, 25.0), (118, 30, 0.0)):
+        assert align_patch(textured, textured, patch_weights(), x, y, disparity)[1] == -1.0
+
+
+def test_smoothing_keeps_the_mean_and_the_size() -> None:
+    image = np.random.default_rng(2).integers(0, 256, (40, 50)).astype(np.uint8)
+    smooth = smoothed(image)
+    assert smooth.shape == image.shape
+    assert smooth.dtype == np.float32
+    assert smooth.mean() == pytest.approx(image.mean(), abs=1.0)
+    assert smooth.std() < image.std()
+
+
+def test_coarse_disparities_reach_the_left_border() -> None:
+    left, right = stereo_pair(32.0)
+    found = coarse_disparities(left, right)
+    assert found.shape == left.shape
+    # Left of the disparity there is no partner.
+    inside = found[12:-12, 48:-12]
+    assert np.nanmedian(inside) == pytest.approx(32.0, abs=0.5)
+    assert np.mean(np.abs(inside - 32.0) < 1.0) > 0.9
+
+
+def test_points_are_dense_where_the_surface_stands_out() -> None:
+    ys, xs = np.mgrid[0:100, 0:150].astype(np.float32)
+    bed = np.float32(12.0) + np.float32(0.01) * xs - np.float32(0.02) * ys
+    bump = (np.abs(xs - 90) < 12).astype(np.float32)
+    points = chosen_points(bed + 3 * bump, 600, 400, 14)
+    raised = np.abs(points[:, 0] / COARSE - 90) < 12
+    area = 24.0 / 150.0
+    fine = len(grid_points(600, 400, 14))
+    assert raised.sum() > 0.9 * area * fine
+    assert (~raised).sum() < 0.35 * fine
+    # The grid is fixed: no point lies between its nodes.
+    nodes = {tuple(p) for p in grid_points(600, 400, 14).tolist()}
+    assert {tuple(p) for p in points.tolist()} <= nodes
+
+
+def test_without_disparities_the_sparse_grid_is_left() -> None:
+    nothing = np.full((100, 150), np.nan, np.float32)
+    points = chosen_points(nothing, 600, 400, 14)
+    fine = len(grid_points(600, 400, 14))
+    assert 0.07 * fine < len(points) < 0.15 * fine
+    nearly = nothing.copy()
+    nearly[50, 50] = 3.0
+    assert len(chosen_points(nearly, 600, 400, 14)) == len(points)

@@ -1,0 +1,129 @@
+"""Disparities at a quarter of the size, everywhere, and where to look closer.
+
+Points are chosen by what stands out of the bed in this pair alone, without any prediction: a pair
+gives the same points whatever came before.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+Float32Array = NDArray[np.float32]
+Points = NDArray[np.int64]
+Array = NDArray[np.float64]
+
+# Side of a pixel of the coarse pictures, px.
+COARSE = 4
+# Disparities are sought up to this share of the width: at 65 degrees of view down to about three
+# baselines away.
+LARGEST_DISPARITY = 0.25
+_BLOCK, _FRACTIONS = 9, 16.0
+# The grid is this much finer where the surface stands out the most, on this share of the picture.
+_FINER, _RAISED_SHARE = 3, 0.3
+# Heights are averaged over so many coarse pixels.
+_SMOOTH = 7
+
+
+def coarse_disparities(left: Image, right: Image) -> Float32Array:
+    """Match everything in two coarse pictures.
+
+    Args:
+        left, right: (h, w) uint8.
+
+    Returns:
+        (h, w) float32, coarse px; NaN where nothing is known.
+    """
+    height, width = left.shape
+    if min(height, width) < 2 * _BLOCK:
+        return np.full(left.shape, np.nan, np.float32)
+    # The matcher takes multiples of 16, and leaves out that many columns at the left.
+    span = 16 * int(np.ceil(LARGEST_DISPARITY * width / 16.0))
+    matcher = cv2.StereoBM.create(span, _BLOCK)
+    matcher.setUniquenessRatio(0)
+    matcher.setTextureThreshold(0)
+    wide = [
+        cv2.copyMakeBorder(image, 0, 0, span, 0, cv2.BORDER_REPLICATE) for image in (left, right)
+    ]
+    found = matcher.compute(*wide)[:, span:].astype(np.float32) / np.float32(_FRACTIONS)
+    found[found < 0] = np.nan
+    return np.asarray(found, np.float32)
+
+
+def grid_points(width: int, height: int, spacing: int) -> Points:
+    """Return the points of a fixed grid, (N, 2) int64, x y, centred in the image."""
+    xs = np.arange((width % spacing) // 2 + spacing // 2, width, spacing)
+    ys = np.arange((height % spacing) // 2 + spacing // 2, height, spacing)
+    gx, gy = np.meshgrid(xs, ys)
+    return np.stack((gx.ravel(), gy.ravel()), axis=1).astype(np.int64)
+
+
+def chosen_points(disparities: Float32Array, width: int, height: int, spacing: int) -> Points:
+    """Choose points of a fixed fine grid: every third, and all where the surface stands out.
+
+    What lies on the bed stands out of the plane through it. The share of the picture is fixed, so
+    the number of points is about the same for every picture.
+
+    Args:
+        disparities: coarse ones, (h, w) float32, NaN unknown.
+        width, height: of the image, px.
+        spacing: of the fine grid, px.
+
+    Returns:
+        (N, 2) int64, x y, px.
+    """
+    fine = grid_points(width, height, spacing)
+    raised = _heights(disparities)
+    rows = np.minimum(fine[:, 1] // COARSE, disparities.shape[0] - 1)
+    columns = np.minimum(fine[:, 0] // COARSE, disparities.shape[1] - 1)
+    sparse = np.zeros(len(fine), bool)
+    xs, ys = np.unique(fine[:, 0]), np.unique(fine[:, 1])
+    sparse |= np.isin(fine[:, 0], xs[1::_FINER]) & np.isin(fine[:, 1], ys[1::_FINER])
+    dense = np.zeros(len(fine), bool)
+    if raised is not None and len(fine):
+        there = raised[rows, columns]
+        known = np.isfinite(there)
+        if known.any():
+            dense = known & (there >= np.quantile(there[known], 1.0 - _RAISED_SHARE))
+    chosen: Points = fine[sparse | dense]
+    return chosen
+
+
+def _heights(disparities: Float32Array) -> Float32Array | None:
+    """Return how far each place stands out of the plane through the bed, averaged, coarse px.
+
+    A plane in space is a plane in disparities. NaN where nothing is known.
+    """
+    step = 4
+    part = disparities[step // 2 :: step, step // 2 :: step]
+    ys, xs = np.nonzero(np.isfinite(part))
+    if len(xs) < 20:
+        return None
+    values = part[ys, xs].astype(np.float64)
+    design = np.stack((np.ones(len(xs)), xs, ys), axis=1)
+    weights: Array = np.ones(len(xs))
+    plane: Array = np.zeros(3)
+    spread = 0.05
+    for _ in range(5):
+        weighted = design * weights[:, None]
+        normal = weighted.T @ design + 1e-9 * len(xs) * np.eye(3)
+        plane = np.asarray(np.linalg.solve(normal, weighted.T @ values), np.float64)
+        off = values - design @ plane
+        spread = max(1.4826 * float(np.median(np.abs(off))), 0.05)
+        weights = 1.0 / (1.0 + np.square(off / spread))
+    rows, columns = (np.arange(n) for n in disparities.shape)
+    level = (plane[0] - plane[1] * 0.5 - plane[2] * 0.5) + (
+        plane[1] * columns[None, :] + plane[2] * rows[:, None]
+    ) / step
+    away = disparities - level.astype(np.float32)
+    known = np.isfinite(away).astype(np.float32)
+    # Gross mismatches must not pull their neighbours along.
+    reach = np.float32(8.0 * spread)
+    filled = np.clip(np.nan_to_num(away, nan=0.0), -reach, reach)
+    box = (_SMOOTH, _SMOOTH)
+    share = cv2.blur(known, box)
+    heights = cv2.blur(filled, box) / np.maximum(share, 1e-6)
+    heights[share < 0.3] = np.nan
+    return np.asarray(heights, np.float32)
