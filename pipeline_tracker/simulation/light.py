@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.simulation.fast import fast
 from pipeline_tracker.simulation.lens import Lens
 from pipeline_tracker.simulation.scenario import LampModel, Scenario
 
@@ -79,7 +79,7 @@ def lamps_of(models: tuple[LampModel, ...]) -> Lamps:
     )
 
 
-@compiled
+@fast
 def arriving(lamps: Lamps, k: int, x: float, y: float, z: float) -> tuple[float, float]:
     """Return what lamp k sends to a place, without water.
 
@@ -98,7 +98,7 @@ def arriving(lamps: Lamps, k: int, x: float, y: float, z: float) -> tuple[float,
     return np.exp(-lamps.sharpness[k] * angle * angle) / square, distance
 
 
-@compiled
+@fast
 def _haze_table(directions: Array, ranges: Array, lamps: Lamps, water: Water) -> Float32Array:
     rows, columns = directions.shape[:2]
     table = np.zeros((rows, columns, ranges.size, 3), np.float32)
@@ -139,15 +139,14 @@ def haze_of(lens: Lens, lamps: Lamps, water: Water) -> Haze:
     return Haze(_haze_table(directions, ranges, lamps, water), _FARTHEST)
 
 
-@compiled
-def haze_at(haze: Haze, column: float, row: float, distance: float, c: int) -> float:
-    """Look the haze up.
+@fast
+def haze_at(haze: Haze, column: float, row: float, distance: float) -> tuple[float, float, float]:
+    """Look the haze up: red, green, blue.
 
     Args:
         haze: the table.
         column, row: place in the image, 0 to 1 each.
         distance: range of what is seen, m.
-        c: 0 red, 1 green, 2 blue.
     """
     table = haze.table
     rows, columns, ranges = table.shape[0], table.shape[1], table.shape[2]
@@ -160,15 +159,16 @@ def haze_at(haze: Haze, column: float, row: float, distance: float, c: int) -> f
     fy = y - i
     fx = x - j
     fz = z - n
-    value = 0.0
+    red, green, blue = 0.0, 0.0, 0.0
     for a in range(2):
         wy = fy if a else 1.0 - fy
         for b in range(2):
-            wx = fx if b else 1.0 - fx
-            low = table[i + a, j + b, n, c]
-            high = table[i + a, j + b, n + 1, c]
-            value += wy * wx * (low + fz * (high - low))
-    return value
+            w = wy * (fx if b else 1.0 - fx)
+            low, high = table[i + a, j + b, n], table[i + a, j + b, n + 1]
+            red += w * (low[0] + fz * (high[0] - low[0]))
+            green += w * (low[1] + fz * (high[1] - low[1]))
+            blue += w * (low[2] + fz * (high[2] - low[2]))
+    return red, green, blue
 
 
 def reference_light(scenario: Scenario, lamps: Lamps) -> Array:

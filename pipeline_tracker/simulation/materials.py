@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.simulation.fast import fast
 from pipeline_tracker.simulation.noise import fractal_noise, gradient_noise, spots
 
 Rgb = tuple[float, float, float]
@@ -42,20 +42,20 @@ class Surface(NamedTuple):
     slope_b: float
 
 
-@compiled
+@fast
 def _blend(low: float, high: float, value: float) -> float:
     """Return 0 below ``low``, 1 above ``high``, smooth between."""
     t = min(1.0, max(0.0, (value - low) / (high - low)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@compiled
+@fast
 def _threshold(share: float) -> float:
     """Return about the value that noise of rms 0.4 exceeds on a share of all places."""
     return 0.7 * (1.0 - 2.0 * share)
 
 
-@compiled
+@fast
 def pipe_surface(
     along: float, around: float, upward: float, footprint: float, m: PipeMaterial
 ) -> Surface:
@@ -126,7 +126,7 @@ def pipe_surface(
     )
 
 
-@compiled
+@fast
 def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface:
     """Return what the bed looks like at a place (m), with a pixel of the given size (m)."""
     large = fractal_noise(x, y, 2.3, 4, 0.6, footprint, 0, m.seed)
@@ -135,7 +135,9 @@ def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface
     # Gravel in patches: stronger contrast at small scale.
     gravel = gradient_noise(x / 1.4, y / 1.4, 0, m.seed + 29)[0] + 0.3 * large[0]
     gravel = _blend(0.15, 0.5, gravel)
-    grit = fractal_noise(x, y, 0.05, 4, 0.9, footprint, 0, m.seed + 37)
+    grit = (0.0, 0.0, 0.0)
+    if gravel > 0.0:
+        grit = fractal_noise(x, y, 0.05, 4, 0.9, footprint, 0, m.seed + 37)
     light *= 1.0 + 1.1 * m.texture * gravel * grit[0]
     slope_a = m.texture * (0.012 * fine[1] + 0.006 * gravel * grit[1])
     slope_b = m.texture * (0.012 * fine[2] + 0.006 * gravel * grit[2])
@@ -158,7 +160,7 @@ def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface
     )
 
 
-@compiled
+@fast
 def stone_surface(
     x: float, y: float, z: float, brightness: float, footprint: float, m: BedMaterial
 ) -> Surface:

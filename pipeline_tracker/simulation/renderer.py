@@ -1,9 +1,11 @@
 """Ray tracing of one camera's image.
 
 A pixel of a smooth surface takes one ray, through its centre, with textures band-limited to the
-pixel. A pixel with a border in it (silhouette, occlusion) takes 16, spread evenly over its area:
-there the share of rays is the share of the area, and borders are true below the pixel. Near the
-border of a shadow 16 rays go to points spread over the lamp.
+pixel. A pixel with a border of the pipe in it, or of another thing that lies on the bed, takes 16,
+spread evenly over its area: there the share of rays is the share of the area, and borders are true
+below the pixel. Where bed and stones hide one another there are 4. Shadows are looked for at every
+second pixel each way, and at all between where these differ; near their borders 16 rays go to
+points spread over the lamp.
 """
 
 from __future__ import annotations
@@ -22,7 +24,10 @@ from pipeline_tracker.simulation.light import Water, haze_of, lamps_of
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scene import Scene
 from pipeline_tracker.simulation.shading import (
+    BED,
+    NOTHING,
     PIPE,
+    STONE,
     Eye,
     Landed,
     Lighting,
@@ -38,15 +43,17 @@ Mask = NDArray[np.bool_]
 
 # Rays of a pixel with a border in it. Each has a column and a row of its own (Hammersley's points),
 # so that an upright or level border is not rounded to a quarter of a pixel.
-_SAMPLES = 16
+_SAMPLES, _FEW = 16, 4
 _REVERSED = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15]
 _SUBPIXELS = (np.stack([np.arange(_SAMPLES), _REVERSED], axis=1) + 0.5) / _SAMPLES - 0.5
+_FEW_SUBPIXELS = (np.stack([np.arange(_FEW), [0, 2, 1, 3]], axis=1) + 0.5) / _FEW - 0.5
 # Rows of one task.
 _BAND = 48
 # Shadow rays start this far above the surface, m: the meshes are that coarse.
 _LIFT = 0.003
-# Neighbours whose ranges differ by more than this many pixel widths have a border between them.
-_STEP = 6.0
+# Neighbours whose ranges differ by more than this many pixel widths have a border between them;
+# on a pipe, whose flank falls off steeply, by this many.
+_STEP, _FLANK_STEP = 6.0, 40.0
 
 
 @dataclass(frozen=True)
@@ -117,18 +124,20 @@ class _View:
         columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(top, bottom))
         pixels = np.stack((columns.ravel(), rows.ravel()), axis=1).astype(np.float64)
         landed = self._look(pixels)
-        lit = self._lit(landed, self._lamps.position)
+        lit = self._lit_evenly(landed, shape)
         border = _borders(landed, shape, self._eye.pixel)
-        fringe = _fringes(lit, shape, self._soft) & ~border
         own = slice(first - top, last - top)
         inside = np.zeros(shape, bool)
         inside[own] = True
-        soft, plain, mixed = (np.flatnonzero(inside & mask) for mask in (fringe, ~border, border))
-        lit[soft] = self._softly_lit(_part(landed, soft))
+        self._soften(lit, landed, inside & ~border)
         light = np.empty((len(pixels), 3), np.float32)
         coverage = (landed.kind == PIPE).astype(np.float32)
+        plain = np.flatnonzero(inside & ~border)
         light[plain] = self._shade(_part(landed, plain), lit[plain], pixels[plain])
-        light[mixed], coverage[mixed] = self._refine(pixels[mixed])
+        fine = _beside_things(landed, shape)
+        for mask, subpixels in ((fine, _SUBPIXELS), (~fine, _FEW_SUBPIXELS)):
+            mixed = np.flatnonzero(inside & border & mask)
+            light[mixed], coverage[mixed] = self._refine(pixels[mixed], subpixels)
         return (
             light.reshape(*shape, 3)[own],
             coverage.reshape(shape)[own],
@@ -151,12 +160,35 @@ class _View:
             lit[:, k] = ~self._scene.caster.blocked(*shadow_rays(landed, lamp, _LIFT))
         return lit
 
-    def _softly_lit(self, landed: Landed) -> Float32Array:
-        """Tell which share of each lamp's disc the places see: (N, L), 0 to 1."""
+    def _lit_evenly(self, landed: Landed, shape: tuple[int, int]) -> Float32Array:
+        """Tell which pixels of a band are lit by which lamps, (H * W, L), 0 or 1.
+
+        A shadow narrower than two pixels may be missed, the border of none.
+        """
+        anchors = np.zeros(shape, bool)
+        anchors[::2, ::2] = True
+        known = np.flatnonzero(anchors)
         lit = np.zeros((len(landed.kind), len(self._lamps.position)), np.float32)
-        for n in range(_SAMPLES):
-            lit += self._lit(landed, self._lamps.position + self._lamp_shift(n))
-        return lit / np.float32(_SAMPLES)
+        lit[known] = self._lit(_part(landed, known), self._lamps.position)
+        near = np.ones((5, 5), np.uint8)
+        for k, lamp in enumerate(self._lamps.position):
+            bright = anchors & (lit[:, k].reshape(shape) > 0.0)
+            some_lit = cv2.dilate(bright.view(np.uint8), near) > 0
+            some_dark = cv2.dilate((anchors & ~bright).view(np.uint8), near) > 0
+            lit[:, k] = some_lit.ravel()
+            open_ = np.flatnonzero(some_lit & some_dark)
+            lit[open_, k] = self._lit(_part(landed, open_), lamp[None])[:, 0]
+        return lit
+
+    def _soften(self, lit: Float32Array, landed: Landed, where: Mask) -> None:
+        """Replace 0 or 1 near the borders of shadows by the share of the lamp's disc in view."""
+        for k, lamp in enumerate(self._lamps.position):
+            fringe = np.flatnonzero(_fringe(lit[:, k], where.shape, self._soft) & where)
+            near = _part(landed, fringe)
+            share = np.zeros(len(fringe), np.float32)
+            for n in range(_SAMPLES):
+                share += self._lit(near, (lamp + self._lamp_shift(n)[k])[None])[:, 0]
+            lit[fringe, k] = share / np.float32(_SAMPLES)
 
     def _shade(self, landed: Landed, lit: Float32Array, pixels: Array) -> Float32Array:
         shares = (pixels + 0.5) / [self._camera.width, self._camera.height]
@@ -171,17 +203,18 @@ class _View:
             scene.materials,
         )
 
-    def _refine(self, pixels: Array) -> tuple[Float32Array, Float32Array]:
+    def _refine(self, pixels: Array, subpixels: Array) -> tuple[Float32Array, Float32Array]:
         """Take several rays through each of the pixels (N, 2): light (N, 3), coverage (N,)."""
         light = np.zeros((len(pixels), 3), np.float32)
         coverage = np.zeros(len(pixels), np.float32)
-        for n in range(_SAMPLES):
-            moved = pixels + _SUBPIXELS[n]
+        count = np.float32(len(subpixels))
+        for n, shift in enumerate(subpixels):
+            moved = pixels + shift
             landed = self._look(moved)
             lit = self._lit(landed, self._lamps.position + self._lamp_shift(n))
             light += self._shade(landed, lit, moved)
             coverage += landed.kind == PIPE
-        return light / np.float32(_SAMPLES), coverage / np.float32(_SAMPLES)
+        return light / count, coverage / count
 
     def _lamp_shift(self, n: int) -> Array:
         """Return the n-th of the points spread over each lamp's disc, from its middle, (L, 3)."""
@@ -208,15 +241,21 @@ def _borders(landed: Landed, shape: tuple[int, int], angle: float) -> Mask:
     distance = np.minimum(landed.distance, 1e3).reshape(shape)
     step = cv2.dilate(distance, near) - cv2.erode(distance, near)
     border: Mask = cv2.dilate(kind, near) != cv2.erode(kind, near)
-    border |= step > _STEP * angle * distance
+    most = np.where(kind == PIPE, np.float64(_FLANK_STEP * angle), _STEP * angle)
+    border |= step > most * distance
     return border
 
 
-def _fringes(lit: Float32Array, shape: tuple[int, int], reach: int) -> Mask:
+def _beside_things(landed: Landed, shape: tuple[int, int]) -> Mask:
+    """Find pixels with something else than bed, stones and water in or next to them, (H, W)."""
+    thing = np.isin(landed.kind, (NOTHING, BED, STONE), invert=True).reshape(shape)
+    beside: Mask = cv2.dilate(thing.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return beside
+
+
+def _fringe(lit: Float32Array, shape: tuple[int, ...], reach: int) -> Mask:
     """Find pixels with the border of a shadow at most ``reach`` pixels away, (H, W)."""
-    fringe = np.zeros(shape, bool)
     near = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    for k in range(lit.shape[1]):
-        lamp = lit[:, k].reshape(shape).astype(np.uint8)
-        fringe |= cv2.dilate(lamp, near) != cv2.erode(lamp, near)
+    lamp = lit.reshape(shape).astype(np.uint8)
+    fringe: Mask = cv2.dilate(lamp, near) != cv2.erode(lamp, near)
     return fringe

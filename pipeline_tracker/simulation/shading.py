@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.simulation.fast import fast
 from pipeline_tracker.simulation.light import Haze, Lamps, Water, arriving, haze_at
 from pipeline_tracker.simulation.materials import (
     BedMaterial,
@@ -104,7 +104,7 @@ class Landed(NamedTuple):
     distance: Array
 
 
-@compiled
+@fast
 def sight_lines(sight: Array, rotation: Array) -> Float32Array:
     """Return unit directions (N, 3) in the world.
 
@@ -122,7 +122,7 @@ def sight_lines(sight: Array, rotation: Array) -> Float32Array:
     return result
 
 
-@compiled
+@fast
 def shadow_rays(landed: Landed, lamp: Array, lift: float) -> tuple[Float32Array, Float32Array]:
     """Return origins (N, 3), ``lift`` m above the places, and the ways from there to a lamp."""
     n = landed.kind.size
@@ -136,7 +136,7 @@ def shadow_rays(landed: Landed, lamp: Array, lift: float) -> tuple[Float32Array,
     return origins, ways
 
 
-@compiled
+@fast
 def _on_tube(tube: Tube, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Return chainage, way around and normal of a hit on the pipe's mesh."""
     cell = face // 2
@@ -157,7 +157,7 @@ def _on_tube(tube: Tube, face: int, u: float, v: float) -> tuple[float, float, f
     return tube.start + tube.step * (i + fi), tube.radius * angle, n[0], n[1], n[2]
 
 
-@compiled
+@fast
 def _on_ground(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
     """Return the bed's normal at a place."""
     slopes = ground.slopes
@@ -177,7 +177,7 @@ def _on_ground(ground: Ground, x: float, y: float) -> tuple[float, float, float]
     return -sx / norm, -sy / norm, 1.0 / norm
 
 
-@compiled
+@fast
 def land(hits: Hits, origin: Array, directions: Float32Array, solids: Solids) -> Landed:
     """Turn hits of unit rays from one origin into places on smooth surfaces."""
     mesh, face, u, v, distance = hits
@@ -220,7 +220,7 @@ def land(hits: Hits, origin: Array, directions: Float32Array, solids: Solids) ->
     return Landed(kind, place, normal, local, far)
 
 
-@compiled
+@fast
 def _surface(
     landed: Landed, r: int, footprint: float, materials: Materials, tube: Tube
 ) -> tuple[Surface, float, float, float]:
@@ -251,7 +251,7 @@ def _surface(
     return surface, nx / norm, ny / norm, nz / norm
 
 
-@compiled
+@fast
 def shade(
     landed: Landed,
     lit: Float32Array,
@@ -317,6 +317,8 @@ def shade(
             result[r, 0] = surface.red * light[0]
             result[r, 1] = surface.green * light[1]
             result[r, 2] = surface.blue * light[2]
-        for c in range(3):
-            result[r, c] += haze_at(haze, pixels[r, 0], pixels[r, 1], distance, c)
+        red, green, blue = haze_at(haze, pixels[r, 0], pixels[r, 1], distance)
+        result[r, 0] += red
+        result[r, 1] += green
+        result[r, 2] += blue
     return result
