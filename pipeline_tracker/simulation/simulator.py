@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import heapq
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from pipeline_tracker.bags.typestore import BagMessages
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.simulation.ahead import made_ahead
 from pipeline_tracker.simulation.altimeter import Altimeter
 from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.lens import lenses_of
@@ -30,6 +24,7 @@ from pipeline_tracker.simulation.motion import Motion
 from pipeline_tracker.simulation.navigation import vnm_track, without
 from pipeline_tracker.simulation.recording import fresh_bag, write_bag
 from pipeline_tracker.simulation.records import ALTIMETER, OPTICAL, SIDES, Messages, Record
+from pipeline_tracker.simulation.render_progress import RenderProgress
 from pipeline_tracker.simulation.renderer import Renderer, Rendering
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import dump_scenario, load_scenario
@@ -43,6 +38,9 @@ Array = NDArray[np.float64]
 # The first pair's stamp: a fixed time, so that a bag depends on scenario and seed alone.
 FIRST_STAMP_NS = 1_750_000_000_000_000_000
 _CLEARANCE = 0.05
+# So many images are in the making at a time, each on all cores: while one is exposed and packed
+# the other is rendered.
+_AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,7 @@ def simulate(
         output: directory of the bag, new or empty; its name becomes the bag's.
         overrides: ``key=value`` each, key dotted, value YAML.
         seed: wins over the scenario's.
-        progress: show a bar on stderr; where that is no terminal, its last line only.
+        progress: show a bar on stderr, where that is a terminal, and at the end the speed.
 
     Returns:
         The directory of the bag.
@@ -201,33 +199,40 @@ def _check_above_bed(scenario: Scenario, scene: Scene, motion: Motion) -> None:
 
 def _frames(sea: Sea, messages: Messages, progress: bool) -> Iterator[Record]:
     """Yield the records of all pairs, image by image."""
-    columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("pairs"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not progress) as bar:
-        task = bar.add_task("", total=sea.scenario.frames)
-        for index, time in enumerate(sea.times()):
-            yield from _frame(sea, messages, index, float(time))
-            bar.advance(task)
+    cameras = len(sea.mountings())
+    jobs = ((frame, n) for frame in range(sea.scenario.frames) for n in range(cameras))
+
+    def make(job: tuple[int, int]) -> Record:
+        return _image(sea, messages, *job)
+
+    images = made_ahead(make, jobs, _AHEAD)
+    stream = sys.stderr if progress else None
+    with closing(images), RenderProgress(sea.scenario.frames, stream) as shown:
+        for frame in range(sea.scenario.frames):
+            yield from _frame(sea, messages, frame, [next(images) for _ in range(cameras)])
+            shown.advance()
 
 
-def _frame(sea: Sea, messages: Messages, index: int, time: float) -> Iterator[Record]:
-    base = sea.motion.pose(time)
+def _stamp(time: float) -> int:
+    return FIRST_STAMP_NS + round(time * 1e9)
+
+
+def _image(sea: Sea, messages: Messages, frame: int, n: int) -> Record:
+    """Take the image of camera n of a pair. Any thread may, in any order."""
+    light = sea.picture(frame, n).light
+    rng = _random(sea.scenario, "noise", frame, n)
+    image = sea.sensor.expose(light, rng, _brightness(sea.scenario, frame, n))
+    return messages.image(_stamp(sea.times()[frame]), n, image, sea.scenario.camera)
+
+
+def _frame(sea: Sea, messages: Messages, frame: int, images: list[Record]) -> Iterator[Record]:
+    time = float(sea.times()[frame])
+    base, stamp = sea.motion.pose(time), _stamp(time)
     axis, cameras = sea.scene.axis, sea.scenario.camera.rig().cameras
     poses = tuple(base @ mounting for mounting in sea.mountings())
-    stamp = FIRST_STAMP_NS + round(time * 1e9)
-    for n, lens in enumerate(lenses_of(sea.scenario.camera)):
-        light = sea.picture(index, n).light
-        rng = _random(sea.scenario, "noise", index, n)
-        image = sea.sensor.expose(light, rng, _brightness(sea.scenario, index, n))
+    for n, (lens, image) in enumerate(zip(lenses_of(sea.scenario.camera), images, strict=True)):
         yield messages.camera_info(stamp, n, lens)
-        yield messages.image(stamp, n, image, sea.scenario.camera)
+        yield image
     yield messages.true_pose(stamp, base)
     present = sea.scenario.pipe.present
     s = stretch_in_view(axis, cameras, poses) if present else np.zeros(0)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -340,6 +341,11 @@ def test_more_frames_of_the_same_seed_begin_alike(bag: Path, tmp_path: Path) -> 
     assert len(again) == 3
     start, same = (pose_of(p[0].pose).translation for p in (first, again))
     np.testing.assert_allclose(start, same, atol=1e-9)
+
+
+def test_the_speed_is_told_at_the_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulate("demo", tmp_path / "sea", SMALL)
+    assert re.fullmatch(r"2 pairs in \d+ s, \d+\.\d s a pair\n", capsys.readouterr().err)
 
 
 def test_an_output_that_is_not_empty_is_refused(tmp_path: Path) -> None:
