@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from pipeline_tracker.mounting import mounting_from_settings
 # Mean difference of two thumbnails of one image, grey levels: JPEG decoders differ by a level here
 # and there. Another sea differs by more, as does another frame of the same.
 _SAME_IMAGE = 0.5
+# The median step of a VNM is no further off the true one, m, share of the step, and rad; the step
+# of another sea of the same kind is.
+_STEP_OFF, _STEP_SHARE, _STEP_TURN = 0.02, 0.05, np.radians(1.5)
 # The same pose, read twice; the same calibration, relative; m, rad or 1.
 _SAME = 1e-6
 
@@ -35,7 +39,8 @@ def check_fit(replay: Replay, truth: Truth) -> Fit:
 
     Raises:
         EvaluationError: frames have no true pose, or the bag's cameras, images or VNM poses are
-            not those replayed; or the mounting is another one and nothing else could be compared.
+            not those replayed; or the mounting or the motion is another one and neither images
+            nor poses could be compared.
     """
     _check_stamps(replay, truth)
     _check_cameras(replay, truth)
@@ -49,9 +54,11 @@ def check_fit(replay: Replay, truth: Truth) -> Fit:
             "degrees off the one replayed, and neither images nor poses say that it is the same "
             "bag",
         )
+    steps = 0 if images or poses else _compare_motion(replay, truth)
     return Fit(
         images_compared=images,
         poses_compared=poses,
+        steps_compared=steps,
         mounting_offset=None if offset is None else offset[0],
         mounting_angle=None if offset is None else offset[1],
     )
@@ -123,6 +130,26 @@ def _compare_poses(replay: Replay, truth: Truth) -> int:
             f"{others} of {len(known)} poses of {topic} are other ones than those replayed",
         )
     return len(known)
+
+
+def _compare_motion(replay: Replay, truth: Truth) -> int:
+    """Compare the replay's motion from frame to frame with the true one; return how many steps."""
+    known = [(pose, truth.poses.at(stamp)) for stamp, pose in sorted(replay.poses.items())]
+    pairs = [(pose, true) for pose, true in known if true is not None]
+    steps = []
+    for (seen_before, true_before), (seen, true) in pairwise(pairs):
+        moved = true_before.inverse() @ true
+        off, turn = _apart(seen_before.inverse() @ seen, moved)
+        allowed = _STEP_OFF + _STEP_SHARE * float(np.linalg.norm(moved.translation))
+        steps.append(max(off / allowed, turn / _STEP_TURN))
+    if steps and np.median(steps) > 1.0:
+        raise _misfit(
+            replay,
+            truth,
+            "it has neither the images nor the poses that were replayed, and the true motion is "
+            "not the one that was replayed",
+        )
+    return len(steps)
 
 
 def _mounting_offset(replay: Replay, truth: Truth) -> tuple[float, float] | None:

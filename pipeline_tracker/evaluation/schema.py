@@ -218,13 +218,17 @@ class FrameFigures(_Model):
 
 
 class Fit(_Model):
-    """What says that the truth belongs to the replay; both 0: nothing but stamps could be seen."""
+    """What says that the truth belongs to the replay; all 0: nothing but stamps could be seen."""
 
     images_compared: int = Field(
         description="Frames whose image in the truth's bag was seen to be the one replayed"
     )
     poses_compared: int = Field(
         description="Frames whose VNM pose in the truth's bag was seen to be the one replayed"
+    )
+    steps_compared: int = Field(
+        description="Steps from frame to frame whose true motion was seen to be that of the VNM, "
+        "about; looked at where neither images nor poses can be compared, else 0"
     )
     mounting_offset: float | None = Field(
         description="Distance of the camera's place in the replay from that in the bag, m; null "

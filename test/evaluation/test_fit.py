@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,29 @@ def test_another_sea_without_images_is_refused_by_its_poses(
     truth = other.write_truth(tmp_path / "other", leave_out=("/stereo",))
     with pytest.raises(EvaluationError, match="12 of 12 poses of /vnm/pose are other ones"):
         evaluate(replayed, truth)
+
+
+def test_another_truth_alone_is_refused_by_its_motion(
+    other: Any, replayed: Path, tmp_path: Path
+) -> None:
+    other.poses = [
+        pose @ Pose.from_rpy([0.0, 0.06 * (i % 2), 0.0], [0.0, 0.0, 0.0])
+        for i, pose in enumerate(other.poses)
+    ]
+    truth = other.write_truth(tmp_path / "other", leave_out=TRUTH_ALONE)
+    with pytest.raises(EvaluationError, match="true motion is not the one"):
+        evaluate(replayed, truth)
+
+
+def test_drift_is_no_other_motion(sea: Any, tmp_path: Path) -> None:
+    drift = Pose.from_rpy([0.01, 0.008, -0.004], [0.002, 0.003, 0.01])
+    poses = [sea.poses[0]]
+    for before, after in pairwise(sea.poses):
+        poses.append(poses[-1] @ before.inverse() @ after @ drift)
+    sea.vnm = poses
+    directory = sea.write_replay(tmp_path / "replay", sea.frames())
+    truth = sea.write_truth(tmp_path / "truth", leave_out=TRUTH_ALONE)
+    assert evaluate(directory, truth).fit.steps_compared == 11
 
 
 def test_a_bag_with_images_of_other_stamps_is_refused(
