@@ -163,11 +163,27 @@ def simulate(
 
 @app.command()
 def evaluate(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
-    truth: Annotated[Path, typer.Option("--truth", metavar="BAG", help="Bag with the truth.")],
+    directory: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Argument(metavar="DIR", help="Output of a replay."),
+    ] = None,
+    truth: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--truth", metavar="BAG", help="Bag with the truth."),
+    ] = None,
+    plots: Annotated[bool, typer.Option(help="Draw the errors, coverage and states.")] = True,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON Schema of evaluation.json.")
+    ] = False,
 ) -> Task:
-    """Measure a replay against the truth: the paper's tables, and DIR/evaluation.json."""
-    return partial(_evaluate, directory, truth)
+    """Measure a replay against the truth: the paper's tables, DIR/evaluation.json and plots."""
+    if schema:
+        return _print_schema
+    if directory is None:
+        raise _UsageError("no DIR given; name the output directory of a replay")
+    if truth is None:
+        raise _UsageError("no --truth given; name the bag with the truth")
+    return partial(_evaluate, directory, truth, plots=plots)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -302,11 +318,19 @@ def _simulate(scenario: str, output: Path, overrides: list[str], seed: int | Non
     return _say(f"written to {simulate(scenario, output, overrides, seed)}")
 
 
-def _evaluate(directory: Path, truth: Path) -> int:
+def _evaluate(directory: Path, truth: Path, *, plots: bool) -> int:
     from pipeline_tracker.evaluation import evaluate_command
 
-    evaluate_command(directory, truth)
+    evaluate_command(directory, truth, plots=plots)
     return DONE
+
+
+def _print_schema() -> int:
+    import json
+
+    from pipeline_tracker.evaluation import evaluation_schema
+
+    return _say(json.dumps(evaluation_schema(), indent=2))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from pipeline_tracker.errors import EvaluationError
 from pipeline_tracker.evaluation.figures import count, frame_figures, group_figures
 from pipeline_tracker.evaluation.fit import check_fit
 from pipeline_tracker.evaluation.frames import Judge
+from pipeline_tracker.evaluation.plots import write_plots
 from pipeline_tracker.evaluation.replay import Replay, read_replay
 from pipeline_tracker.evaluation.schema import Evaluation, Setup
 from pipeline_tracker.evaluation.searches import finding
@@ -52,15 +53,18 @@ def evaluate(replay_dir: Path, truth_bag: Path) -> Evaluation:
     )
 
 
-def evaluate_command(replay_dir: Path, truth_bag: Path, console: Console | None = None) -> None:
-    """Evaluate, write ``evaluation.json`` into the replay's directory and print the tables.
+def evaluate_command(
+    replay_dir: Path, truth_bag: Path, console: Console | None = None, *, plots: bool = True
+) -> None:
+    """Evaluate, write ``evaluation.json`` and plots into the replay's directory, print the tables.
 
     Args:
         replay_dir, truth_bag: see ``evaluate``.
         console: where to print; standard output by default.
+        plots: whether to write the plots.
 
     Raises:
-        EvaluationError: as ``evaluate``, or the file cannot be written.
+        EvaluationError: as ``evaluate``, or a file cannot be written.
         BagError, SettingsError: as ``evaluate``.
     """
     evaluation = evaluate(replay_dir, truth_bag)
@@ -69,9 +73,11 @@ def evaluate_command(replay_dir: Path, truth_bag: Path, console: Console | None 
         path.write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise EvaluationError(f"{path}: cannot be written ({error.strerror})") from None
+    written = [path, *(write_plots(evaluation, replay_dir) if plots else ())]
     console = console or Console()
     print_evaluation(evaluation, console)
-    console.print(f"written to {path}", highlight=False, soft_wrap=True)
+    names = ", ".join(file.name for file in written)
+    console.print(f"Written to {replay_dir}: {names}", highlight=False, soft_wrap=True)
 
 
 def _setup(replay: Replay, truth: Truth) -> Setup:
@@ -79,6 +85,7 @@ def _setup(replay: Replay, truth: Truth) -> Setup:
     left = None if rig is None else rig.left
     return Setup(
         pipe_diameter=2.0 * settings.radius,
+        true_pipe_diameter=None if truth.radius is None else 2.0 * truth.radius,
         technique=str(settings.recognition.technique),
         recognition_only=settings.recognition.only,
         image_size=None if left is None else [left.width, left.height],

@@ -84,7 +84,7 @@ class Judge:
         """
         self._replay = replay
         self._truth = truth
-        self._radius = replay.settings.radius
+        self._radius = truth.radius or replay.settings.radius
         self._window = round(replay.settings.motion.window * SECOND_NS)
         self._travel = TravelDirection()
         self._previous: int | None = None

@@ -106,7 +106,7 @@ class GroupFigures(_Model):
     """The figures of a group of frames."""
 
     frames: int = Field(description="Frames with a segment, measured against the true axis")
-    divergence: DivergenceFigures
+    divergence: DivergenceFigures = Field(description="The paper's measure")
     errors: dict[str, SignedError] = Field(
         description="Estimate less truth by column of estimates.csv: heading_misalignment, "
         "pitch_misalignment (rad), min_distance, lateral_offset (m), approach_speed (m/s)"
@@ -187,7 +187,7 @@ class FrameFigures(_Model):
 
     stamp_ns: int = Field(description="Stamp of the left image, ns")
     state: str = Field(description="State of the tracker; empty: never processed")
-    valid: bool
+    valid: bool = Field(description="As estimates.csv has it")
     mode: str = Field(description="recognition or tracking; empty without a segment")
     technique: int | None = Field(description="0 tracking, 1 to 4 recognition")
     in_view: bool | None = Field(description="Any of the pipe is inside an image")
@@ -241,6 +241,10 @@ class Setup(_Model):
     """What the figures were made with; null where not known."""
 
     pipe_diameter: float = Field(description="As the replay was told, m")
+    true_pipe_diameter: float | None = Field(
+        description="As the scenario of a simulated bag has it, m; else that of the replay is "
+        "taken for true"
+    )
     technique: str = Field(description="recognition.technique of the replay")
     recognition_only: bool = Field(description="Each frame by itself, no tracking")
     image_size: list[int] | None = Field(description="Width and height, px")
@@ -261,9 +265,9 @@ class Evaluation(_Model):
     schema_version: int = Field(default=SCHEMA_VERSION, description="Version of this schema")
     replay: str = Field(description="The replay's directory")
     truth: str = Field(description="The bag with the truth")
-    fit: Fit
-    setup: Setup
-    counts: Counts
+    fit: Fit = Field(description="What says that the truth belongs to the replay")
+    setup: Setup = Field(description="What the figures were made with")
+    counts: Counts = Field(description="Frames by what became of them")
     finding: Finding | None = Field(
         description="null where neither detectable nor in_view is known of all frames"
     )

@@ -74,6 +74,13 @@ class Truth:
     recording: Recording = field(default_factory=Recording)
     scenario: dict[str, Any] | None = None
 
+    @property
+    def radius(self) -> float | None:
+        """The pipe's radius as the scenario has it, m; None where there is none."""
+        pipe = (self.scenario or {}).get("pipe")
+        diameter = pipe.get("diameter") if isinstance(pipe, dict) else None
+        return diameter / 2.0 if isinstance(diameter, int | float) and diameter > 0.0 else None
+
     def near(self, stamp: int) -> list[Array]:
         """Return the polylines that may be in view in a frame, (M, 3) each, m.
 

@@ -31,7 +31,18 @@ from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
 from pipeline_tracker.types import Image
 
-OUR_FILES = ("estimates.csv", "settings.yaml", "result", "overlay_best.png", "overlay_middle.png")
+OUR_FILES = (
+    "estimates.csv",
+    "settings.yaml",
+    "result",
+    "overlay_best.png",
+    "overlay_middle.png",
+    # What `evaluate` says of an earlier replay is not true of this one.
+    "evaluation.json",
+    "evaluation_errors.png",
+    "evaluation_coverage.png",
+    "evaluation_states.png",
+)
 
 
 class PipelineLike(Protocol):

@@ -85,6 +85,7 @@ class Sea:
         self.vnm: list[Pose] | None = None
         self.cameras = (LEFT, RIGHT)
         self.mounting = MOUNTING
+        self.scenario: str | None = None
         self.messages = BagMessages()
 
     def frames(self) -> list[Frame]:
@@ -107,6 +108,9 @@ class Sea:
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             bag = _Bag(writer, self.messages, leave_out)
             bag.write("/tf_static", self.stamps[0], self._transforms())
+            if self.scenario is not None:
+                text = make("std_msgs/msg/String", data=self.scenario)
+                bag.write("/ground_truth/scenario", self.stamps[0], text)
             for i, (stamp, pose) in enumerate(zip(self.stamps, self.poses, strict=True)):
                 header = header_message(self.messages, stamp, "world")
                 bag.write("/ground_truth/pose", stamp, self._stamped(header, pose))

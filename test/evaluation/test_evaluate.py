@@ -22,6 +22,7 @@ from pipeline_tracker.evaluation import (
     evaluate_command,
     evaluation_schema,
 )
+from pipeline_tracker.evaluation.plots import PLOTS
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.types import State
 
@@ -375,6 +376,7 @@ def test_the_command_writes_json_that_its_schema_describes(sea: Any, tmp_path: P
     written, schema = json.loads(raw), evaluation_schema()
     assert set(written) == set(schema["properties"])
     assert written["counts"].keys() == schema["$defs"]["Counts"]["properties"].keys()
+    assert all((directory / name).is_file() for name in PLOTS)
     printed = text.getvalue()
     assert "12 of 12 frames valid (100.0 %)" in printed
     assert "technique 2" in printed
@@ -386,9 +388,55 @@ def test_tables_are_printed_where_nothing_was_found(sea: Any, tmp_path: Path) ->
     frames = [replace(f, state=State.SEARCHING, segment=None) for f in sea.frames()]
     directory = sea.write_replay(tmp_path / "replay", frames)
     text = io.StringIO()
-    evaluate_command(directory, truth, Console(file=text, width=100))
+    evaluate_command(directory, truth, Console(file=text, width=80), plots=False)
+    assert not list(directory.glob("*.png"))
     assert "0 of 12 frames valid (0.0 %)" in text.getvalue()
     assert json.loads((directory / "evaluation.json").read_text())["counts"]["valid"] == 0
+
+
+def test_tables_fit_80_columns(sea: Any, tmp_path: Path) -> None:
+    sea.images = [np.zeros((128, 160), np.uint8)] * 12
+    frames = [f.moved(np.array([0.0, 0.321, -0.654])) for f in sea.frames()]
+    frames[3] = replace(frames[3], state=State.COASTING)
+    truth = sea.write_truth(tmp_path / "truth")
+    directory = sea.write_replay(tmp_path / "replay", frames)
+    text = io.StringIO()
+    evaluate_command(directory, truth, Console(file=text, width=80), plots=False)
+    *tables, last = text.getvalue().splitlines()
+    assert last.startswith("Written to ")
+    assert max(map(len, tables)) <= 80
+    assert "…" not in text.getvalue()
+    for words in ("coasting, invalid", "right image right", "missed", "11 frames false valid"):
+        assert words in text.getvalue()
+
+
+def test_the_scenario_stands_beside_the_figures(sea: Any, tmp_path: Path) -> None:
+    truth = sea.write_truth(tmp_path / "truth")
+    sea.scenario = "pipe: {diameter: 0.61}\nlamps: [{position: [0.5, 0.0, 0.0]}]\n"
+    told = sea.write_truth(tmp_path / "told")
+    directory = sea.write_replay(tmp_path / "replay", sea.frames())
+    plain, result = evaluate(directory, truth), evaluate(directory, told)
+    assert plain.setup.scenario is None
+    assert result.setup.scenario == {
+        "pipe": {"diameter": 0.61},
+        "lamps": [{"position": [0.5, 0.0, 0.0]}],
+    }
+    assert result.setup.true_pipe_diameter == 0.61
+    # The surface of the true pipe is half a centimetre nearer.
+    before, after = (e.groups["all"].errors["min_distance"].mean for e in (plain, result))
+    assert after - before == pytest.approx(0.005)
+    text = io.StringIO()
+    evaluate_command(directory, told, Console(file=text, width=200), plots=False)
+    assert "pipe 0.6 m (in truth 0.61 m); 160 x 128 px, 43.6 deg wide" in text.getvalue()
+    assert "1 lamp at [0.5, 0.0, 0.0] m" in text.getvalue()
+
+
+def test_a_scenario_that_is_no_yaml_is_refused(sea: Any, tmp_path: Path) -> None:
+    sea.scenario = "pipe: [\n"
+    truth = sea.write_truth(tmp_path / "truth")
+    directory = sea.write_replay(tmp_path / "replay", sea.frames())
+    with pytest.raises(EvaluationError, match="/ground_truth/scenario cannot be read"):
+        evaluate(directory, truth)
 
 
 def add(cell: str, value: float) -> str:
