@@ -47,6 +47,9 @@ _SAMPLES, _FEW = 16, 4
 _REVERSED = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15]
 _SUBPIXELS = (np.stack([np.arange(_SAMPLES), _REVERSED], axis=1) + 0.5) / _SAMPLES - 0.5
 _FEW_SUBPIXELS = (np.stack([np.arange(_FEW), [0, 2, 1, 3]], axis=1) + 0.5) / _FEW - 0.5
+# Of the points on a lamp's disc three spread over its rim and the middle, and all others.
+_RIM = (9, 6, 3, 0)
+_OTHERS = tuple(n for n in range(_SAMPLES) if n not in _RIM)
 # Rows of one task.
 _BAND = 48
 # Shadow rays start this far above the surface, m: the meshes are that coarse.
@@ -182,13 +185,23 @@ class _View:
 
     def _soften(self, lit: Float32Array, landed: Landed, where: Mask) -> None:
         """Replace 0 or 1 near the borders of shadows by the share of the lamp's disc in view."""
-        for k, lamp in enumerate(self._lamps.position):
+        for k in range(len(self._lamps.position)):
             fringe = np.flatnonzero(_fringe(lit[:, k], where.shape, self._soft) & where)
-            near = _part(landed, fringe)
-            share = np.zeros(len(fringe), np.float32)
-            for n in range(_SAMPLES):
-                share += self._lit(near, (lamp + self._lamp_shift(n)[k])[None])[:, 0]
-            lit[fringe, k] = share / np.float32(_SAMPLES)
+            seen = self._points_seen(_part(landed, fringe), k, _RIM)
+            lit[fringe, k] = seen / np.float32(len(_RIM))
+            # Where rim and middle agree, so do all.
+            partly = (seen > 0.0) & (seen < len(_RIM))
+            fringe, seen = fringe[partly], seen[partly]
+            seen += self._points_seen(_part(landed, fringe), k, _OTHERS)
+            lit[fringe, k] = seen / np.float32(_SAMPLES)
+
+    def _points_seen(self, landed: Landed, k: int, points: tuple[int, ...]) -> Float32Array:
+        """Count which of the points of lamp k's disc the places see, (N,)."""
+        seen = np.zeros(len(landed.kind), np.float32)
+        for n in points:
+            point = self._lamps.position[k] + self._lamp_shift(n)[k]
+            seen += self._lit(landed, point[None])[:, 0]
+        return seen
 
     def _shade(self, landed: Landed, lit: Float32Array, pixels: Array) -> Float32Array:
         shares = (pixels + 0.5) / [self._camera.width, self._camera.height]
