@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.simulation.raycaster import RayCaster
+from pipeline_tracker.simulation.raycaster import Caster
 from pipeline_tracker.simulation.vehicle_models import SensorModel
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ _RAYS = 48
 class Altimeter:
     """Measures the way to what its beam meets first."""
 
-    def __init__(self, model: SensorModel, caster: RayCaster, rng: np.random.Generator) -> None:
+    def __init__(self, model: SensorModel, caster: Caster, rng: np.random.Generator) -> None:
         """Prepare its beam.
 
         Args:

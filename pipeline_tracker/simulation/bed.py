@@ -186,7 +186,7 @@ def scatter_stones(
     vertices, faces, brightness = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros(0)]
     total = 0
     for place, size, z, away in zip(places, sizes, ground, np.abs(side), strict=True):
-        shape = _stone(np.asarray(ball.vertices), size, rng)
+        shape = lump(np.asarray(ball.vertices), size, rng)
         if away < radius + 0.8 * size:
             continue
         vertices.append(shape + np.array([*place, z + 0.15 * size]))
@@ -199,8 +199,8 @@ def scatter_stones(
     return Stones(mesh, normals.astype(np.float32), np.concatenate(brightness).astype(np.float32))
 
 
-def _stone(ball: Array, size: float, rng: np.random.Generator) -> Array:
-    """Deform a unit ball to a stone of about the given size, m; (V, 3)."""
+def lump(ball: Array, size: float, rng: np.random.Generator) -> Array:
+    """Deform a unit ball (V, 3) to a stone or a lump of about the given size, m; (V, 3)."""
     bumps = np.zeros(len(ball))
     for strength, frequency in ((0.16, 1.6), (0.10, 3.0), (0.05, 6.0)):
         wave = rng.standard_normal(3) * frequency

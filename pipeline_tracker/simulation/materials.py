@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline_tracker.simulation.fast import fast
 from pipeline_tracker.simulation.noise import fractal_noise, gradient_noise, spots
 
+Array = NDArray[np.float64]
 Rgb = tuple[float, float, float]
 
 
@@ -30,6 +34,29 @@ class BedMaterial(NamedTuple):
     colour: Rgb
     texture: float
     seed: int
+
+
+# Kinds of things: rock, cables and pipes; blades of weed; fish.
+SOLID, BLADE, FISH = 0.0, 1.0, 2.0
+
+
+def thing_material(
+    style: float,
+    colour: Rgb,
+    texture: float = 0.5,
+    grain: float = 0.1,
+    sediment: float = 0.0,
+) -> tuple[float, ...]:
+    """Return a row of the table of things' materials.
+
+    Args:
+        style: SOLID, BLADE or FISH.
+        colour: share of light returned.
+        texture: contrast.
+        grain: length of its coarsest texture, m.
+        sediment: share of what faces up that is dusted.
+    """
+    return style, *colour, texture, grain, sediment
 
 
 class Surface(NamedTuple):
@@ -170,4 +197,54 @@ def stone_surface(
     grey = 0.75 * (m.colour[0] + m.colour[1] + m.colour[2]) / 3.0
     return Surface(
         light * grey, light * grey * 1.02, light * grey * 0.96, 0.008 * fine[1], 0.008 * fine[2]
+    )
+
+
+@fast
+def thing_surface(
+    a: float, b: float, upward: float, footprint: float, row: Array, bed: BedMaterial
+) -> Surface:
+    """Return what a thing looks like.
+
+    Args:
+        a, b: its coordinates: of a solid m, of a blade 0 (root) to 1 (tip) and a number of its own,
+            of a fish the way from the nose in lengths and -1 (belly) to 1 (back).
+        upward: z of the surface's normal.
+        footprint: size of a pixel there, m.
+        row: its material, see ``thing_material``.
+        bed: the bed's material, for sediment on it.
+    """
+    style, red, green, blue, texture, grain, sediment = row
+    light = 1.0
+    slope_a = 0.0
+    slope_b = 0.0
+    dusted = 0.0
+    if style == BLADE:
+        light = (0.45 + 0.75 * a) * (0.6 + 0.8 * b)
+        red *= 0.8 + 0.5 * b
+    elif style == FISH:
+        # Dark above, bright below, with bars across.
+        bars = gradient_noise(14.0 * a, 1.5 * b, 0, bed.seed + 71)[0]
+        light = 0.75 - 0.45 * b * abs(b) - 0.25 * max(0.0, b) * bars
+        # The eye.
+        eye = (a - 0.09) ** 2 / 0.018**2 + (b - 0.35) ** 2 / 0.2**2
+        light *= 0.15 + 0.85 * min(1.0, eye)
+    else:
+        coarse = fractal_noise(a, b, grain, 3, 0.7, footprint, 0, bed.seed + 73)
+        fine = fractal_noise(a, b, 0.25 * grain, 4, 0.85, footprint, 0, bed.seed + 79)
+        light = max(0.15, 1.0 + texture * (0.7 * coarse[0] + 0.7 * fine[0]))
+        slope_a = 0.05 * texture * grain * (coarse[1] + 0.5 * fine[1])
+        slope_b = 0.05 * texture * grain * (coarse[2] + 0.5 * fine[2])
+        edge = _threshold(sediment)
+        if sediment > 0.0:
+            dust = coarse[0] + 0.5 * fine[0]
+            dusted = 0.85 * _blend(edge, edge + 0.5, dust) * _blend(0.35, 0.9, upward)
+    light *= 1.0 - dusted
+    dusted *= 0.9
+    return Surface(
+        light * red + dusted * bed.colour[0],
+        light * green + dusted * bed.colour[1],
+        light * blue + dusted * bed.colour[2],
+        slope_a,
+        slope_b,
     )

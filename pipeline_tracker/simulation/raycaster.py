@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,35 @@ class Hits(NamedTuple):
     u: Float32Array
     v: Float32Array
     distance: Float32Array
+
+
+class Caster(Protocol):
+    """Something to cast rays at."""
+
+    def nearest(self, origins: Float32Array, directions: Float32Array) -> Hits:
+        """Return what rays (N, 3) hit first."""
+
+    def blocked(self, origins: Float32Array, directions: Float32Array) -> NDArray[np.bool_]:
+        """Return whether anything is hit between ``origins`` and ``origins + directions``, (N,)."""
+
+
+@dataclass(frozen=True)
+class BothCasters:
+    """Two scenes in one: what stays, and what is somewhere else at another time."""
+
+    still: Caster
+    moving: Caster
+
+    def nearest(self, origins: Float32Array, directions: Float32Array) -> Hits:
+        """Return what rays (N, 3) hit first."""
+        still = self.still.nearest(origins, directions)
+        moving = self.moving.nearest(origins, directions)
+        nearer = (moving.mesh >= 0) & ((still.mesh < 0) | (moving.distance < still.distance))
+        return Hits(*(np.where(nearer, m, s) for s, m in zip(still, moving, strict=True)))
+
+    def blocked(self, origins: Float32Array, directions: Float32Array) -> NDArray[np.bool_]:
+        """Return whether anything is hit between ``origins`` and ``origins + directions``, (N,)."""
+        return self.still.blocked(origins, directions) | self.moving.blocked(origins, directions)
 
 
 class RayCaster:

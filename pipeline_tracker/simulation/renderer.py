@@ -91,16 +91,17 @@ class Renderer:
         ]
         self._threads = max(1, min(os.cpu_count() or 1, 16))
 
-    def render(self, base: Pose, index: int) -> Rendering:
+    def render(self, base: Pose, index: int, scene: Scene | None = None) -> Rendering:
         """Render the image of one camera.
 
         Args:
             base: world <- base_link.
             index: 0 left camera, 1 right camera.
+            scene: the scene with what moves in its place; None: without it.
         """
         lens, pose = self._lenses[index], base @ self._mountings[index]
         lighting = Lighting(self._lamps.moved(base), self._water, self._hazes[index])
-        view = _View(self._scene, lighting, lens, pose)
+        view = _View(scene or self._scene, lighting, lens, pose)
         # Bands don't depend on each other: the image is the same with any number of threads.
         with ThreadPoolExecutor(self._threads) as pool:
             bands = list(pool.map(view.band, range(0, lens.camera.height, _BAND)))

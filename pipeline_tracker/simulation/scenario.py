@@ -11,6 +11,12 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from pipeline_tracker.settings import Section, Vector
+from pipeline_tracker.simulation.object_models import (
+    FishModel,
+    LedgeModel,
+    TubeModel,
+    WeedModel,
+)
 from pipeline_tracker.simulation.scenario_values import Coefficients, Colour, value
 from pipeline_tracker.simulation.vehicle_models import (
     CameraModel,
@@ -130,6 +136,10 @@ class Scenario(Section):
     seed: int = value(1, "Another seed: another bed, texture, path and noise", ge=0, lt=2**63)
     pipe: PipeModel = PipeModel()
     bed: BedModel = BedModel()
+    tubes: tuple[TubeModel, ...] = value((), "Cables and further pipes", max_length=30)
+    ledges: tuple[LedgeModel, ...] = value((), "Straight edges of rock", max_length=30)
+    weed: WeedModel = WeedModel()
+    fish: FishModel = FishModel()
     lamps: tuple[LampModel, ...] = value((LampModel(),), "Lamps", min_length=1, max_length=16)
     water: WaterModel = WaterModel()
     camera: CameraModel = CameraModel()

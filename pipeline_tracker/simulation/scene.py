@@ -1,30 +1,35 @@
-"""A scenario's scene: the pipe, the bed and the stones, and what the renderer needs of them."""
+"""A scenario's scene: the pipe, the bed and what is on it, and what the renderer needs of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.simulation.axis import PipeAxis
-from pipeline_tracker.simulation.bed import Bed, Bounds, scatter_stones
+from pipeline_tracker.simulation.bed import Bed, Bounds, Stones, scatter_stones
+from pipeline_tracker.simulation.fish import School
 from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
 from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
-from pipeline_tracker.simulation.raycaster import RayCaster
+from pipeline_tracker.simulation.pieces import merged
+from pipeline_tracker.simulation.raycaster import BothCasters, Caster, RayCaster
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.shading import (
     BED,
+    MOVERS,
     PIPE,
     STONE,
+    THINGS,
     Ground,
     Materials,
+    MeshData,
     Solids,
-    StoneData,
     Tube,
 )
+from pipeline_tracker.simulation.things import things_of
 
 Array = NDArray[np.float64]
 
@@ -34,21 +39,31 @@ _FARTHEST = 12.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that does not move.
+    """Everything that can be seen.
 
     Attributes:
         axis: the pipe's axis, the truth.
         bed: the height field.
-        caster: casts rays at pipe, bed and stones; its numbers are the kinds of shading.
+        caster: casts rays at it; its numbers are those of the meshes in shading.
         solids: the same for shading.
         materials: what they look like.
+        school: what moves; it is in ``caster`` and ``solids`` in a scene ``at`` a time only.
     """
 
     axis: PipeAxis
     bed: Bed
-    caster: RayCaster
+    caster: Caster
     solids: Solids
     materials: Materials
+    school: School | None
+
+    def at(self, time: float) -> Scene:
+        """Return the scene with what moves in its place at a time, s."""
+        if self.school is None:
+            return self
+        mesh, data = merged(self.school.pieces(time))
+        caster = BothCasters(self.caster, RayCaster({MOVERS: mesh}))
+        return replace(self, caster=caster, solids=self.solids._replace(movers=data))
 
 
 def view_reach(scenario: Scenario) -> float:
@@ -102,12 +117,15 @@ def build_scene(scenario: Scenario, axis: PipeAxis, rng: np.random.Generator) ->
     pipe = axis if scenario.pipe.present else None
     bed = Bed.draw(scenario.bed, axis, bounds, rng, level_beside=pipe is not None)
     stones = scatter_stones(scenario.bed, pipe, bed, bounds, rng)
+    things = things_of(scenario, axis, bed, bounds)
     mesh, frames = tube_mesh(axis)
     meshes = {BED: bed.mesh()}
     if scenario.pipe.present:
         meshes[PIPE] = mesh
     if len(stones.mesh.faces):
         meshes[STONE] = stones.mesh
+    if len(things.mesh.faces):
+        meshes[THINGS] = things.mesh
     tube = Tube(
         frames.start,
         frames.step,
@@ -118,13 +136,20 @@ def build_scene(scenario: Scenario, axis: PipeAxis, rng: np.random.Generator) ->
         frames.up,
     )
     ground = Ground(bed.x0, bed.y0, bed.resolution, bed.slopes())
-    data = StoneData(stones.mesh.faces, stones.normals, stones.brightness)
-    return Scene(
-        axis, bed, RayCaster(meshes), Solids(tube, ground, data), _materials(scenario, rng)
-    )
+    _, nothing = merged([])
+    solids = Solids(tube, ground, _stone_data(stones), things.data, nothing)
+    materials = _materials(scenario, things.materials, rng)
+    return Scene(axis, bed, RayCaster(meshes), solids, materials, things.school)
 
 
-def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
+def _stone_data(stones: Stones) -> MeshData:
+    count = len(stones.brightness)
+    coordinates = np.stack([stones.brightness, np.zeros(count, np.float32)], axis=1)
+    kinds = np.full(count, STONE, np.int8)
+    return MeshData(stones.mesh.faces, stones.normals, coordinates, kinds, np.zeros(count, bool))
+
+
+def _materials(scenario: Scenario, things: Array, rng: np.random.Generator) -> Materials:
     pipe, bed, seeds = scenario.pipe, scenario.bed, rng.integers(1 << 30, size=2)
     return Materials(
         PipeMaterial(
@@ -139,6 +164,7 @@ def _materials(scenario: Scenario, rng: np.random.Generator) -> Materials:
             int(seeds[0]),
         ),
         BedMaterial(bed.colour, bed.texture, int(seeds[1])),
+        things,
     )
 
 

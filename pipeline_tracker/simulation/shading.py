@@ -16,6 +16,7 @@ from pipeline_tracker.simulation.materials import (
     bed_surface,
     pipe_surface,
     stone_surface,
+    thing_surface,
 )
 from pipeline_tracker.simulation.raycaster import Hits
 
@@ -25,6 +26,10 @@ Bytes = NDArray[np.int8]
 
 # What a ray saw; these are also the numbers of the meshes for the ray caster.
 NOTHING, PIPE, BED, STONE = -1, 0, 1, 2
+# Of the meshes with things on and above the bed each triangle tells its own material: what a ray
+# saw is this number and the material's.
+FIRST_THING = 3
+THINGS, MOVERS = 3, 4
 
 
 class Tube(NamedTuple):
@@ -48,12 +53,22 @@ class Ground(NamedTuple):
     slopes: Float32Array
 
 
-class StoneData(NamedTuple):
-    """The stones for shading; see ``Stones``."""
+class MeshData(NamedTuple):
+    """A mesh for shading: stones, or things put together from ``Piece``.
+
+    Attributes:
+        faces: (F, 3).
+        normals: (V, 3), unit.
+        coordinates: (V, 2), of the surface; a stone's brightness and 0.
+        kinds: (V,), STONE, or FIRST_THING and more.
+        thin: (V,), whether it shows the side that is looked at.
+    """
 
     faces: NDArray[np.int32]
     normals: Float32Array
-    brightness: Float32Array
+    coordinates: Float32Array
+    kinds: Bytes
+    thin: NDArray[np.bool_]
 
 
 class Solids(NamedTuple):
@@ -61,14 +76,17 @@ class Solids(NamedTuple):
 
     tube: Tube
     ground: Ground
-    stones: StoneData
+    stones: MeshData
+    things: MeshData
+    movers: MeshData
 
 
 class Materials(NamedTuple):
-    """What they look like; stones are of the bed's material."""
+    """What they look like; stones are of the bed's material, things have one row each."""
 
     pipe: PipeMaterial
     bed: BedMaterial
+    things: Array
 
 
 class Lighting(NamedTuple):
@@ -90,10 +108,11 @@ class Landed(NamedTuple):
     """Where N rays landed.
 
     Attributes:
-        kind: (N,) int8, NOTHING, PIPE, BED or STONE.
+        kind: (N,) int8, NOTHING, PIPE, BED, STONE, or FIRST_THING and a thing's material.
         place: (N, 3), m, world.
         normal: (N, 3), unit, of the smooth surface.
-        local: (N, 2): pipe: chainage and way around, m; bed: x and y, m; stone: brightness, 0.
+        local: (N, 2): pipe: chainage and way around, m; bed: x and y, m; stone: brightness, 0;
+            thing: its material's coordinates.
         distance: (N,), m; infinite where nothing was hit.
     """
 
@@ -178,10 +197,27 @@ def _on_ground(ground: Ground, x: float, y: float) -> tuple[float, float, float]
 
 
 @fast
+def _on_mesh(
+    data: MeshData, face: int, u: float, v: float
+) -> tuple[float, float, float, float, float]:
+    """Return the normal and the surface coordinates of a hit on stones or things."""
+    a, b, c = data.faces[face, 0], data.faces[face, 1], data.faces[face, 2]
+    n, p, w = data.normals, data.coordinates, 1.0 - u - v
+    nx = w * n[a, 0] + u * n[b, 0] + v * n[c, 0]
+    ny = w * n[a, 1] + u * n[b, 1] + v * n[c, 1]
+    nz = w * n[a, 2] + u * n[b, 2] + v * n[c, 2]
+    norm = max(1e-9, np.sqrt(nx * nx + ny * ny + nz * nz))
+    # As differences: what is the same at all three stays so to the last bit.
+    first = p[a, 0] + u * (p[b, 0] - p[a, 0]) + v * (p[c, 0] - p[a, 0])
+    second = p[a, 1] + u * (p[b, 1] - p[a, 1]) + v * (p[c, 1] - p[a, 1])
+    return nx / norm, ny / norm, nz / norm, first, second
+
+
+@fast
 def land(hits: Hits, origin: Array, directions: Float32Array, solids: Solids) -> Landed:
     """Turn hits of unit rays from one origin into places on smooth surfaces."""
     mesh, face, u, v, distance = hits
-    tube, ground, stones = solids
+    tube, ground, stones, things, movers = solids
     n = mesh.size
     kind = np.empty(n, np.int8)
     place = np.zeros((n, 3))
@@ -202,20 +238,13 @@ def land(hits: Hits, origin: Array, directions: Float32Array, solids: Solids) ->
             nx, ny, nz = _on_ground(ground, place[r, 0], place[r, 1])
             local[r, 0], local[r, 1] = place[r, 0], place[r, 1]
         else:
-            a, b, c = stones.faces[face[r], 0], stones.faces[face[r], 1], stones.faces[face[r], 2]
-            w = 1.0 - u[r] - v[r]
-            nx = (
-                w * stones.normals[a, 0] + u[r] * stones.normals[b, 0] + v[r] * stones.normals[c, 0]
-            )
-            ny = (
-                w * stones.normals[a, 1] + u[r] * stones.normals[b, 1] + v[r] * stones.normals[c, 1]
-            )
-            nz = (
-                w * stones.normals[a, 2] + u[r] * stones.normals[b, 2] + v[r] * stones.normals[c, 2]
-            )
-            norm = max(1e-9, np.sqrt(nx * nx + ny * ny + nz * nz))
-            nx, ny, nz = nx / norm, ny / norm, nz / norm
-            local[r, 0] = stones.brightness[a]
+            data = stones if mesh[r] == STONE else things if mesh[r] == THINGS else movers
+            first = data.faces[face[r], 0]
+            kind[r] = data.kinds[first]
+            nx, ny, nz, local[r, 0], local[r, 1] = _on_mesh(data, face[r], u[r], v[r])
+            d = directions[r]
+            if data.thin[first] and nx * d[0] + ny * d[1] + nz * d[2] > 0.0:
+                nx, ny, nz = -nx, -ny, -nz
         normal[r, 0], normal[r, 1], normal[r, 2] = nx, ny, nz
     return Landed(kind, place, normal, local, far)
 
@@ -241,6 +270,11 @@ def _surface(
         nz -= surface.slope_a * tz + surface.slope_b * az
     elif landed.kind[r] == BED:
         surface = bed_surface(a, b, footprint, materials.bed)
+        nx -= surface.slope_a
+        ny -= surface.slope_b
+    elif landed.kind[r] >= FIRST_THING:
+        row = materials.things[landed.kind[r] - FIRST_THING]
+        surface = thing_surface(a, b, nz, footprint, row, materials.bed)
         nx -= surface.slope_a
         ny -= surface.slope_b
     else:

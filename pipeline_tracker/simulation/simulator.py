@@ -31,6 +31,7 @@ from pipeline_tracker.simulation.scenario_files import dump_scenario, load_scena
 from pipeline_tracker.simulation.scene import Scene, build_scene, draw_axis
 from pipeline_tracker.simulation.sensor import Sensor
 from pipeline_tracker.simulation.snow import SnowView, draw_snow
+from pipeline_tracker.simulation.streams import random_stream
 from pipeline_tracker.simulation.truth import frame_contours, stretch_in_view
 
 Array = NDArray[np.float64]
@@ -64,12 +65,12 @@ class Sea:
 
     def picture(self, frame: int, index: int) -> Rendering:
         """Render what camera ``index`` sees of pair ``frame``, before its sensor."""
-        base = self.motion.pose(float(self.times()[frame]))
-        rendering = self.renderer.render(base, index)
+        time = float(self.times()[frame])
+        rendering = self.renderer.render(self.motion.pose(time), index, self.scene.at(time))
         if self.scenario.water.snow == 0.0:
             return rendering
         # The same stream for both cameras: the same particles.
-        snow = draw_snow(self.scenario, _random(self.scenario, "snow", frame))
+        snow = draw_snow(self.scenario, random_stream(self.scenario, "snow", frame))
         light = self.snow_views[index].over(rendering.light, rendering.distance, snow)
         return replace(rendering, light=light)
 
@@ -91,7 +92,7 @@ def build_sea(scenario: Scenario) -> Sea:
         SettingsError: a camera or a lamp would be inside the pipe or below the bed.
         PipelineTrackerError: the extra ``[sim]`` is not installed.
     """
-    shape, path, ground = (_random(scenario, name) for name in ("axis", "motion", "scene"))
+    shape, path, ground = (random_stream(scenario, name) for name in ("axis", "motion", "scene"))
     axis = draw_axis(scenario, shape)
     motion = Motion.draw(scenario, axis, path)
     if scenario.pipe.present:
@@ -145,12 +146,6 @@ def simulate(
         )
         write_bag(path, factory, records)
     return output
-
-
-def _random(scenario: Scenario, name: str, *index: int) -> np.random.Generator:
-    # One stream for each purpose: more frames, say, don't change the bed.
-    purpose = int.from_bytes(name.encode(), "big")
-    return np.random.default_rng([scenario.seed, purpose, *index])
 
 
 def _pair_times(scenario: Scenario) -> Array:
@@ -220,7 +215,7 @@ def _stamp(time: float) -> int:
 def _image(sea: Sea, messages: Messages, frame: int, n: int) -> Record:
     """Take the image of camera n of a pair. Any thread may, in any order."""
     light = sea.picture(frame, n).light
-    rng = _random(sea.scenario, "noise", frame, n)
+    rng = random_stream(sea.scenario, "noise", frame, n)
     image = sea.sensor.expose(light, rng, _brightness(sea.scenario, frame, n))
     return messages.image(_stamp(sea.times()[frame]), n, image, sea.scenario.camera)
 
@@ -236,24 +231,25 @@ def _frame(sea: Sea, messages: Messages, frame: int, images: list[Record]) -> It
     yield messages.true_pose(stamp, base)
     present = sea.scenario.pipe.present
     s = stretch_in_view(axis, cameras, poses) if present else np.zeros(0)
+    caster = sea.scene.at(time).caster
     yield messages.centerline(stamp, axis.points(s), axis.tangents(s))
     for n, (camera, pose) in enumerate(zip(cameras, poses, strict=True)):
-        contours = frame_contours(axis, sea.scene.caster, camera, pose, s)
+        contours = frame_contours(axis, caster, camera, pose, s)
         yield messages.contours(stamp, n, contours)
 
 
 def _brightness(scenario: Scenario, index: int, n: int) -> float:
     """Return the exposure of camera n's image relative to the scenario's."""
     # Both cameras are exposed by one control.
-    varied = float(_random(scenario, "exposure", index).standard_normal())
+    varied = float(random_stream(scenario, "exposure", index).standard_normal())
     brightness = float(np.exp(scenario.camera.exposure_variation * varied))
     return brightness * (1.0 + scenario.camera.mismatch) if n == 1 else brightness
 
 
 def _navigation(sea: Sea, messages: Messages) -> Iterator[Record]:
     """Yield what comes at the navigation's rate, and what is latched before it."""
-    scenario, rng = sea.scenario, _random(sea.scenario, "sensors")
-    track = vnm_track(sea.motion, scenario, _random(scenario, "vnm"))
+    scenario, rng = sea.scenario, random_stream(sea.scenario, "sensors")
+    track = vnm_track(sea.motion, scenario, random_stream(scenario, "vnm"))
     first = FIRST_STAMP_NS + int(track.stamps[0])
     sensors, tilt = scenario.sensors, np.deg2rad(scenario.sensors.attitude_noise_deg)
     yield messages.mountings(
@@ -261,7 +257,7 @@ def _navigation(sea: Sea, messages: Messages) -> Iterator[Record]:
         [*zip(OPTICAL, sea.mountings(), strict=False), (ALTIMETER, sensors.altimeter())],
     )
     yield messages.scenario(first, dump_scenario(scenario))
-    altimeter = Altimeter(sensors, sea.scene.caster, _random(scenario, "altimeter"))
+    altimeter = Altimeter(sensors, sea.scene.caster, random_stream(scenario, "altimeter"))
     heard = without(track.stamps.astype(np.float64) * 1e-9, sensors.altimeter_dropouts)
     for n, (offset, pose) in enumerate(zip(track.stamps, track.poses, strict=True)):
         stamp, true = FIRST_STAMP_NS + int(offset), sea.motion.pose(float(offset) * 1e-9)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation.axis import PipeAxis
-from pipeline_tracker.simulation.raycaster import RayCaster
+from pipeline_tracker.simulation.raycaster import Caster
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def contour_points(axis: PipeAxis, s: Array, centre: Array) -> tuple[Array, Arra
 
 
 def frame_contours(
-    axis: PipeAxis, caster: RayCaster, camera: Camera, pose: Pose, s: Array
+    axis: PipeAxis, caster: Caster, camera: Camera, pose: Pose, s: Array
 ) -> Contours:
     """Return the contours in one image.
 
