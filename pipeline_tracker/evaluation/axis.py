@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 # Pieces of overlapping polylines whose ends agree so far are one piece, m.
 _SAME = 1e-6
+# A vertex so near to another polyline's piece, as a share of its length, is between its ends.
+_BESIDE = 0.02
 
 
 class TrueAxis:
@@ -29,9 +31,7 @@ class TrueAxis:
         joined = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
         joined = joined[np.any(joined[:, 0] != joined[:, 1], axis=1)]
         if len(joined):
-            keys = np.round(joined.reshape(-1, 6) / _SAME).astype(np.int64)
-            _, first = np.unique(keys, axis=0, return_index=True)
-            joined = joined[np.sort(first)]
+            joined = _unique(_refined(_unique(joined)))
         self._start, self._way = joined[:, 0], joined[:, 1] - joined[:, 0]
         middles = joined.mean(axis=1)
         self._tree = cKDTree(middles) if len(joined) else None
@@ -70,6 +70,40 @@ class TrueAxis:
         feet = start + share[:, None] * way
         best = int(np.argmin(np.linalg.norm(feet - point, axis=1)))
         return feet[best], way[best] / np.sqrt(squared[best])
+
+
+def _unique(pieces: Array) -> Array:
+    keys = np.round(pieces.reshape(-1, 6) / _SAME).astype(np.int64)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    kept: Array = pieces[np.sort(first)]
+    return kept
+
+
+def _refined(pieces: Array) -> Array:
+    """Divide pieces at the vertices of other polylines that lie between their ends.
+
+    All vertices are on the axis, wherever each polyline begins. Without this an estimate would be
+    measured to whichever of several chords happens to be nearest, which flatters it.
+
+    Args:
+        pieces: start and end, (N, 2, 3), m.
+    """
+    vertices = np.unique(pieces.reshape(-1, 3), axis=0)
+    ways = pieces[:, 1] - pieces[:, 0]
+    lengths = np.linalg.norm(ways, axis=1)
+    within = cKDTree(vertices).query_ball_point(pieces.mean(axis=1), lengths / 2.0)
+    refined = []
+    for (start, end), way, length, near in zip(pieces, ways, lengths, within, strict=True):
+        aside = vertices[near] - start
+        share = aside @ way / length**2
+        off = np.linalg.norm(aside - share[:, None] * way, axis=1)
+        edge = _SAME / length
+        between = (off <= _BESIDE * length) & (share > edge) & (share < 1.0 - edge)
+        middle = vertices[near][between][np.argsort(share[between])]
+        line = np.concatenate((start[None], middle, end[None]))
+        refined.append(np.stack((line[:-1], line[1:]), axis=1))
+    whole: Array = np.concatenate(refined)
+    return whole[np.any(whole[:, 0] != whole[:, 1], axis=1)]
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,17 @@ def test_overlapping_stretches_are_one_axis() -> None:
         np.testing.assert_allclose(parts.nearest(point), whole.nearest(point), atol=1e-12)
 
 
+def test_stretches_with_other_vertices_are_one_finer_axis() -> None:
+    # Each has every fifth vertex of a bend, beginning with another one.
+    angle = np.arange(0.0, 1.0, 0.02 / 20.0)
+    arc = 20.0 * np.stack((np.sin(angle), 1.0 - np.cos(angle), 0.1 * angle), axis=1)
+    fine, parts = TrueAxis([arc]), TrueAxis([arc[i::5] for i in range(5)])
+    rng = np.random.default_rng(4)
+    for point in arc[rng.integers(20, 900, 100)] + rng.normal(0.0, 0.001, (100, 3)):
+        np.testing.assert_allclose(parts.nearest(point), fine.nearest(point), atol=1e-9)
+        np.testing.assert_allclose(parts.tangent(point), fine.tangent(point), atol=1e-6)
+
+
 def test_the_tangent_is_that_of_the_nearest_piece() -> None:
     axis = TrueAxis([np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 3.0, 4.0]])])
     np.testing.assert_allclose(axis.tangent(np.array([0.3, 0.1, 0.0])), [1.0, 0.0, 0.0])
