@@ -198,6 +198,10 @@ def test_error_in_a_file_names_the_file(tmp_path: Path) -> None:
         ("? [1, 2]\n: 3", "not valid YAML"),
         ("pipe.diameter: !!python/object/apply:os.getcwd []", "not valid YAML"),
         ("pipe.diameter: 1\npipe: {diameter: 2}", "pipe.diameter is given twice"),
+        (
+            "pipe: {diameter: 1, diameter: 2}",
+            "not valid YAML in line 1, column 7 (diameter is given",
+        ),
         ("", "pipe.diameter is missing"),
         ("pipe:\n", "pipe.diameter is missing"),
     ],
