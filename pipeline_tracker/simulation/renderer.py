@@ -74,6 +74,13 @@ class Rendering:
     distance: Float32Array
 
 
+def _thread_count() -> int:
+    """Return how many threads render: as many as the machine has, fewer by OMP_NUM_THREADS."""
+    asked = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
+    limit = int(asked) if asked.isdecimal() else 16
+    return max(1, min(os.cpu_count() or 1, limit))
+
+
 class Renderer:
     """Renders a scene from poses of the vehicle."""
 
@@ -89,7 +96,7 @@ class Renderer:
             haze_of(lens, self._lamps.moved(mounting.inverse()), water)
             for lens, mounting in zip(self._lenses, self._mountings, strict=True)
         ]
-        self._threads = max(1, min(os.cpu_count() or 1, 16))
+        self._threads = _thread_count()
 
     def render(self, base: Pose, index: int, scene: Scene | None = None) -> Rendering:
         """Render the image of one camera.
