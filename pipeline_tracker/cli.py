@@ -1,8 +1,8 @@
 """The command line: pipeline-tracker COMMAND ...
 
 Each command reads its arguments and hands back what is to be done; ``main`` does it and turns the
-outcome into an exit code: 0 done; 1 done, but the pipe was never found; 2 wrong command or bad
-input, with one line on stderr; 130 interrupted.
+outcome into an exit code: 0 done; 1 done, but the pipe was never found (or a run of a benchmark
+failed); 2 wrong command or bad input, with one line on stderr; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from pipeline_tracker import __version__
 from pipeline_tracker.errors import PipelineTrackerError
 
 DONE, NEVER_FOUND, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+SOME_FAILED = 1
+_MOST_JOBS = 256
 
 Task = Callable[[], int]
 
@@ -186,6 +188,41 @@ def evaluate(
     return partial(_evaluate, directory, truth, plots=plots)
 
 
+@app.command()
+def benchmark(
+    manifest: Annotated[
+        Path, typer.Argument(metavar="MANIFEST", help="YAML file: scenarios x seeds x settings.")
+    ],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="DIR", help="Directory to write; by default NAME_benchmark here."
+        ),
+    ] = None,
+    jobs: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--jobs", metavar="N", help="Number of processes on this machine; 1."),
+    ] = None,
+    scheduler: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replay and measure again what is done; keep seas.")
+    ] = False,
+) -> Task:
+    """Simulate, replay and evaluate all that a manifest names; what is done is not done again."""
+    if jobs is not None and scheduler is not None:
+        raise _UsageError("--jobs and --scheduler: expected one of them; the cluster has workers")
+    number = 1 if jobs is None else int(_number("--jobs", jobs, int))
+    if not 1 <= number <= _MOST_JOBS:
+        raise _UsageError(f"--jobs {number}: expected 1 to {_MOST_JOBS}")
+    target = output or Path(f"{manifest.stem}_benchmark")
+    return partial(_benchmark, manifest, target, number, scheduler, force=force)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     sys.exit(run_command(sys.argv[1:] if arguments is None else arguments))
@@ -331,6 +368,20 @@ def _print_schema() -> int:
     from pipeline_tracker.evaluation import evaluation_schema
 
     return _say(json.dumps(evaluation_schema(), indent=2))
+
+
+def _benchmark(
+    manifest: Path, output: Path, jobs: int, scheduler: str | None, *, force: bool
+) -> int:
+    from pipeline_tracker.benchmark import benchmark_command
+
+    outcome = benchmark_command(manifest, output, jobs=jobs, scheduler=scheduler, force=force)
+    if outcome.interrupted:
+        return _refuse(
+            f"interrupted; what is done is in {output}, the same command goes on with it",
+            INTERRUPTED,
+        )
+    return DONE if outcome.whole else SOME_FAILED
 
 
 if __name__ == "__main__":

@@ -25,3 +25,7 @@ class CalibrationError(PipelineTrackerError):
 
 class EvaluationError(PipelineTrackerError):
     """A replay cannot be measured against a truth, or the two do not belong together."""
+
+
+class ManifestError(PipelineTrackerError):
+    """A benchmark's manifest is wrong, or its directory cannot be used."""

@@ -138,8 +138,7 @@ def read_truth(
         truth.recording = read_recording(bag, settings, thumbnails)
         truth.rig = truth.recording.rig or rig
         truth.mounting = known_mounting(truth.recording, settings)
-        if SCENARIO in bag.topics:
-            truth.scenario = _scenario(bag)
+        truth.scenario = scenario_of(bag)
     return truth
 
 
@@ -161,7 +160,15 @@ def _add_contours(bag: BagReader, truth: Truth) -> None:
         }
 
 
-def _scenario(bag: BagReader) -> dict[str, Any] | None:
+def scenario_of(bag: BagReader) -> dict[str, Any] | None:
+    """Return the scenario that a bag was simulated from; None where it does not tell.
+
+    Raises:
+        EvaluationError: what it says is no YAML.
+        BagError: the bag cannot be read.
+    """
+    if SCENARIO not in bag.topics:
+        return None
     try:
         scenario = parse_yaml(str(bag.first(SCENARIO).data).encode(), "")
     except SettingsError as error:
