@@ -37,7 +37,7 @@ class BedMaterial(NamedTuple):
 
 
 # Kinds of things: rock, cables and pipes; blades of weed; fish.
-SOLID, BLADE, FISH = 0.0, 1.0, 2.0
+SOLID, BLADE, SCALES = 0.0, 1.0, 2.0
 
 
 def thing_material(
@@ -50,7 +50,7 @@ def thing_material(
     """Return a row of the table of things' materials.
 
     Args:
-        style: SOLID, BLADE or FISH.
+        style: SOLID, BLADE or SCALES.
         colour: share of light returned.
         texture: contrast.
         grain: length of its coarsest texture, m.
@@ -222,7 +222,7 @@ def thing_surface(
     if style == BLADE:
         light = (0.45 + 0.75 * a) * (0.6 + 0.8 * b)
         red *= 0.8 + 0.5 * b
-    elif style == FISH:
+    elif style == SCALES:
         # Dark above, bright below, with bars across.
         bars = gradient_noise(14.0 * a, 1.5 * b, 0, bed.seed + 71)[0]
         light = 0.75 - 0.45 * b * abs(b) - 0.25 * max(0.0, b) * bars

@@ -25,9 +25,12 @@ from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scene import Scene
 from pipeline_tracker.simulation.shading import (
     BED,
+    FIRST_THING,
+    LUMP,
     NOTHING,
     PIPE,
     STONE,
+    TUFT,
     Eye,
     Landed,
     Lighting,
@@ -54,6 +57,8 @@ _OTHERS = tuple(n for n in range(_SAMPLES) if n not in _RIM)
 _BAND = 48
 # Shadow rays start this far above the surface, m: the meshes are that coarse.
 _LIFT = 0.003
+# What has no outline to speak of.
+_RAGGED = (NOTHING, BED, STONE, FIRST_THING + TUFT, FIRST_THING + LUMP)
 # Neighbours whose ranges differ by more than this many pixel widths have a border between them;
 # on a pipe, whose flank falls off steeply, by this many.
 _STEP, _FLANK_STEP = 6.0, 40.0
@@ -268,8 +273,8 @@ def _borders(landed: Landed, shape: tuple[int, int], angle: float) -> Mask:
 
 
 def _beside_things(landed: Landed, shape: tuple[int, int]) -> Mask:
-    """Find pixels with something else than bed, stones and water in or next to them, (H, W)."""
-    thing = np.isin(landed.kind, (NOTHING, BED, STONE), invert=True).reshape(shape)
+    """Find pixels with the pipe or a thing of clear outline in or next to them, (H, W)."""
+    thing = np.isin(landed.kind, _RAGGED, invert=True).reshape(shape)
     beside: Mask = cv2.dilate(thing.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
     return beside
 

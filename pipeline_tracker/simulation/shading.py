@@ -30,6 +30,8 @@ NOTHING, PIPE, BED, STONE = -1, 0, 1, 2
 # saw is this number and the material's.
 FIRST_THING = 3
 THINGS, MOVERS = 3, 4
+# The first materials of things; those of objects on the bed follow.
+TUFT, LUMP, FISH, FIRST_OBJECT = 0, 1, 2, 3
 
 
 class Tube(NamedTuple):

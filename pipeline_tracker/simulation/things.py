@@ -11,18 +11,15 @@ from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.bed import Bed, Bounds
 from pipeline_tracker.simulation.bed_objects import ledge_on_bed, tube_on_bed
 from pipeline_tracker.simulation.fish import School
-from pipeline_tracker.simulation.materials import BLADE, FISH, SOLID, thing_material
+from pipeline_tracker.simulation.materials import BLADE, SCALES, SOLID, thing_material
 from pipeline_tracker.simulation.meshes import Mesh
 from pipeline_tracker.simulation.pieces import Piece, merged
 from pipeline_tracker.simulation.scenario import Scenario
-from pipeline_tracker.simulation.shading import MeshData
+from pipeline_tracker.simulation.shading import FIRST_OBJECT, FISH, TUFT, MeshData
 from pipeline_tracker.simulation.streams import random_stream
 from pipeline_tracker.simulation.weed import weeds
 
 Array = NDArray[np.float64]
-
-# Numbers of materials; those of tubes and ledges follow in their order.
-_TUFT, _LUMP, _FISH, _FIRST_OBJECT = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ def things_of(scenario: Scenario, axis: PipeAxis, bed: Bed, bounds: Bounds) -> T
         bed: the bed.
         bounds: what of the bed there is.
     """
-    pieces: list[Piece] = list(weeds(scenario, axis, bed, bounds, _TUFT))
-    number = _FIRST_OBJECT
+    pieces: list[Piece] = list(weeds(scenario, axis, bed, bounds, TUFT))
+    number = FIRST_OBJECT
     for n, tube in enumerate(scenario.tubes):
         rng = random_stream(scenario, "tube", n)
         present = scenario.pipe.present
@@ -61,7 +58,7 @@ def things_of(scenario: Scenario, axis: PipeAxis, bed: Bed, bounds: Bounds) -> T
         pieces += ledge_on_bed(ledge, axis, bed, random_stream(scenario, "ledge", n), number)
         number += 1
     mesh, data = merged(pieces)
-    school = School.draw(scenario, axis, _FISH) if scenario.fish.count else None
+    school = School.draw(scenario, axis, FISH) if scenario.fish.count else None
     return Things(mesh, data, _table(scenario), school)
 
 
@@ -70,7 +67,7 @@ def _table(scenario: Scenario) -> Array:
     rows = [
         thing_material(BLADE, weed),
         thing_material(SOLID, (1.5 * weed[0], 1.2 * weed[1], weed[2]), texture=0.8, grain=0.05),
-        thing_material(FISH, scenario.fish.colour),
+        thing_material(SCALES, scenario.fish.colour),
     ]
     # The texture of a tube goes with its girth, that of rock does not.
     rows += [
