@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pipeline_tracker.errors import SettingsError
+from pipeline_tracker.simulation import simulate
 from pipeline_tracker.simulation.fish import fish_body
 from pipeline_tracker.simulation.pieces import Piece, merged, tube
 from pipeline_tracker.simulation.raycaster import RayCaster
@@ -309,3 +311,24 @@ def test_impossible_things_are_refused(override: str, words: str) -> None:
         load_scenario("demo", [override])
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_sea_full_of_things_is_the_same_again(tmp_path: Path) -> None:
+    full = (
+        *("camera.width=96", "camera.height=64", "bed.resolution=0.08", "frames=2", "stretch=3"),
+        *("water.snow=100", "fish.count=4", "weed.pipe_share=0.2", "weed.on_bed=1"),
+    )
+    one, two, other = (
+        simulate("decoy", tmp_path / f"{n}" / "sea", full, seed, progress=False)
+        for n, seed in enumerate((5, 5, 6))
+    )
+    bags = [{f.name: f.read_bytes() for f in bag.iterdir()} for bag in (one, two, other)]
+    assert bags[0] == bags[1]
+    assert bags[0] != bags[2]
+
+
+def test_more_frames_leave_the_first_ones_as_they_were(small: Callable[..., Scenario]) -> None:
+    things = ("weed.pipe_share=0.2", "fish.count=4", "water.snow=100", "stretch=4")
+    lying = "tubes=[{at: 1.0, offset: 0.5, angle_deg: 30, wave: 0.1}]"
+    few, many = (build_sea(small(*things, lying, f"frames={n}")) for n in (2, 4))
+    assert np.array_equal(few.picture(1, 0).light, many.picture(1, 0).light)
