@@ -39,6 +39,7 @@ class LineResult:
         seen: whether the bit is set: a line was published.
         error, worst: mean and greatest distance of the line's points from the true contour, px;
             None without a line, or with none of it beside the contour inside the image.
+        ends: mean distance of the first and the last point measured, px; None likewise.
         visible_error: mean distance beside the visible part, px; None likewise, and where it is
             not known what is hidden.
         not_visible: a line was published and the true contour is hidden or outside all along.
@@ -50,6 +51,7 @@ class LineResult:
     seen: bool
     error: float | None = None
     worst: float | None = None
+    ends: float | None = None
     visible_error: float | None = None
     not_visible: bool = False
     wrong_side: bool = False
@@ -97,6 +99,7 @@ def _measure(line: Array | None, truth: TrueContours, side: int) -> LineResult:
         seen=True,
         error=error,
         worst=float(distances[inside].max()) if inside.any() else None,
+        ends=_mean(distances[inside][[0, -1]]) if inside.any() else None,
         visible_error=_mean(distances[visible]) if known else None,
         not_visible=not (truth.flags[side] == VISIBLE).any(),
         wrong_side=other_error is not None and (error is None or other_error < error),

@@ -156,6 +156,7 @@ def _contour(lines: list[LineResult]) -> ContourFigures:
         lines=sum(line.seen for line in lines),
         measured=len(errors),
         error_px=_spread(errors),
+        ends_px=_spread([line.ends for line in lines if line.ends is not None]),
         worst_px=max((line.worst for line in lines if line.worst is not None), default=None),
         measured_visible=len(visible) if known else None,
         visible_error_px=_spread(visible) if known else None,

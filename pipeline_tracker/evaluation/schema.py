@@ -81,6 +81,10 @@ class ContourFigures(_Model):
         description="Lines of which any lies beside the true contour inside the image"
     )
     error_px: Spread = Field(description="Error of the measured lines, px")
+    ends_px: Spread = Field(
+        description="Mean distance of the two ends of the measured part of each line, px: where "
+        "the straight line through the ends of a bent contour is on it"
+    )
     worst_px: float | None = Field(description="Greatest distance of any point of them, px")
     measured_visible: int | None = Field(
         description="Lines of which any lies beside a visible part; null where it is not known "

@@ -39,8 +39,9 @@ _ERRORS = {
     "approach_speed": ("approach speed", "cm/s", 100.0),
 }
 _CONTOURS_NOTE = (
-    "visible: mean beside visible parts; hidden: lines of contours that are not visible; side: "
-    "lines on the wrong side; missed: visible contours without a line"
+    "ends: mean at both ends of the lines; visible: mean beside visible parts; hidden: lines of "
+    "contours that are not visible; side: lines on the wrong side; missed: visible contours "
+    "without a line"
 )
 # A mounting that is further off is worth a line, m and rad.
 _MOUNTING_OFF = 1e-4
@@ -177,7 +178,19 @@ def _errors(evaluation: Evaluation) -> Table:
 def _contours(contours: dict[str, ContourFigures]) -> Table:
     table = _table(
         "Contour lines off the true contours, px, all valid frames",
-        ("", "lines", "mean", "median", "95 %", "max", "visible", "hidden", "side", "missed"),
+        (
+            "",
+            "lines",
+            "mean",
+            "median",
+            "95 %",
+            "max",
+            "ends",
+            "visible",
+            "hidden",
+            "side",
+            "missed",
+        ),
         gap=1,
     )
     for name, line in contours.items():
@@ -186,6 +199,7 @@ def _contours(contours: dict[str, ContourFigures]) -> Table:
             name.replace("_", " "),
             str(line.lines),
             *(_pixels(v) for v in (spread.mean, spread.median, spread.p95, spread.max)),
+            _pixels(line.ends_px.mean),
             _pixels(None if visible is None else visible.mean),
             str(line.contours_not_visible),
             str(line.wrong_side),

@@ -86,7 +86,18 @@ def test_only_beside_what_is_inside_or_visible() -> None:
     # Inside down to y = 75, visible down to y = 45: means at half of that.
     assert result.error == pytest.approx(3.75, abs=0.25)
     assert result.worst == pytest.approx(7.5, abs=0.25)
+    assert result.ends == pytest.approx(3.75, abs=0.25)
     assert result.visible_error == pytest.approx(2.25, abs=0.25)
+
+
+def test_the_ends_of_a_chord_are_on_a_bent_contour() -> None:
+    bent = BOTH.copy()
+    bent[0, :, 0] += 0.002 * (LINE[:, 1] - 50.0) ** 2
+    published = segment({Contours.LEFT_IMAGE_LEFT: [105, 0, 105, 100]})
+    truths = (TrueContours(bent, flags()), None)
+    result = measure_contours(published, truths, reverse=False)["left_image_left"]
+    assert result.ends == pytest.approx(0.0, abs=1e-6)
+    assert result.worst == pytest.approx(5.0, abs=0.1)
 
 
 def test_beyond_an_end_of_the_contour_nothing_is_measured() -> None:
