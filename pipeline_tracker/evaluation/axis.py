@@ -27,11 +27,8 @@ class TrueAxis:
             polylines: (M, 3) each, m, world; those of fewer than two vertices have no length and
                 are left out.
         """
-        pieces = [np.stack((line[:-1], line[1:]), axis=1) for line in polylines if len(line) > 1]
-        joined = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
-        joined = joined[np.any(joined[:, 0] != joined[:, 1], axis=1)]
-        if len(joined):
-            joined = _unique(_refined(_unique(joined)))
+        lines = [line for line in polylines if len(line) > 1]
+        joined = _refined(lines) if lines else np.zeros((0, 2, 3))
         self._start, self._way = joined[:, 0], joined[:, 1] - joined[:, 0]
         middles = joined.mean(axis=1)
         self._tree = cKDTree(middles) if len(joined) else None
@@ -72,38 +69,65 @@ class TrueAxis:
         return feet[best], way[best] / np.sqrt(squared[best])
 
 
-def _unique(pieces: Array) -> Array:
-    keys = np.round(pieces.reshape(-1, 6) / _SAME).astype(np.int64)
-    _, first = np.unique(keys, axis=0, return_index=True)
-    kept: Array = pieces[np.sort(first)]
-    return kept
+def _unique(points: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Tell rows (N, K) that agree: indices (M,) of the first of each, and for each row which."""
+    keys = np.round(points / _SAME).astype(np.int64)
+    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.argsort(order)
+    return first[order], place[which.reshape(-1)]
 
 
-def _refined(pieces: Array) -> Array:
-    """Divide pieces at the vertices of other polylines that lie between their ends.
+def _refined(lines: list[Array]) -> Array:
+    """Return the pieces of polylines, divided at vertices of others that lie between their ends.
 
     All vertices are on the axis, wherever each polyline begins. Without this an estimate would be
     measured to whichever of several chords happens to be nearest, which flatters it.
 
     Args:
-        pieces: start and end, (N, 2, 3), m.
+        lines: (M, 3) each, M at least 2, m.
+
+    Returns:
+        Start and end of each piece, (N, 2, 3), m, each once.
     """
-    vertices = np.unique(pieces.reshape(-1, 3), axis=0)
-    ways = pieces[:, 1] - pieces[:, 0]
-    lengths = np.linalg.norm(ways, axis=1)
-    within = cKDTree(vertices).query_ball_point(pieces.mean(axis=1), lengths / 2.0)
+    listed = np.concatenate(lines)
+    numbers = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
+    first, which = _unique(listed)
+    vertices = listed[first]
+    # The polylines that each vertex is of: their own order says where it belongs.
+    owners: list[set[int]] = [set() for _ in vertices]
+    for vertex, number in zip(which.tolist(), numbers.tolist(), strict=True):
+        owners[vertex].add(number)
+    same = numbers[:-1] == numbers[1:]
+    pieces = np.stack((listed[:-1], listed[1:]), axis=1)[same]
+    number_of = numbers[:-1][same]
+    once, _ = _unique(pieces.reshape(-1, 6))
+    pieces, number_of = pieces[once], number_of[once]
+    reach = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1) / 2.0
+    around = cKDTree(vertices).query_ball_point(pieces.mean(axis=1), reach)
     refined = []
-    for (start, end), way, length, near in zip(pieces, ways, lengths, within, strict=True):
-        aside = vertices[near] - start
-        share = aside @ way / length**2
-        off = np.linalg.norm(aside - share[:, None] * way, axis=1)
-        edge = _SAME / length
-        between = (off <= _BESIDE * length) & (share > edge) & (share < 1.0 - edge)
-        middle = vertices[near][between][np.argsort(share[between])]
-        line = np.concatenate((start[None], middle, end[None]))
-        refined.append(np.stack((line[:-1], line[1:]), axis=1))
-    whole: Array = np.concatenate(refined)
-    return whole[np.any(whole[:, 0] != whole[:, 1], axis=1)]
+    for (start, end), number, near in zip(pieces, number_of.tolist(), around, strict=True):
+        others = vertices[[i for i in near if number not in owners[i]]]
+        whole = np.concatenate((start[None], _between(start, end, others), end[None]))
+        refined.append(np.stack((whole[:-1], whole[1:]), axis=1))
+    joined: Array = np.concatenate(refined)
+    joined = joined[np.linalg.norm(joined[:, 1] - joined[:, 0], axis=1) > _SAME]
+    kept: Array = joined[_unique(joined.reshape(-1, 6))[0]]
+    return kept
+
+
+def _between(start: Array, end: Array, points: Array) -> Array:
+    """Return those of some points (K, 3) that lie beside a piece, in order along it."""
+    way = end - start
+    length = float(np.linalg.norm(way))
+    if not length > _SAME:
+        return points[:0]
+    share = (points - start) @ way / length**2
+    off = np.linalg.norm(points - start - share[:, None] * way, axis=1)
+    edge = _SAME / length
+    chosen = (off <= _BESIDE * length) & (share > edge) & (share < 1.0 - edge)
+    found: Array = points[chosen][np.argsort(share[chosen])]
+    return found
 
 
 @dataclass(frozen=True)
