@@ -1,11 +1,11 @@
 """Ray tracing of one camera's image.
 
 A pixel of a smooth surface takes one ray, through its centre, with textures band-limited to the
-pixel. A pixel with a border of the pipe in it, or of another thing that lies on the bed, takes 16,
-spread evenly over its area: there the share of rays is the share of the area, and borders are true
-below the pixel. Where bed and stones hide one another there are 4. Shadows are looked for at every
-second pixel each way, and at all between where these differ; near their borders 16 rays go to
-points spread over the lamp.
+pixel. A pixel with the outline of the pipe in it, or of another thing that has a clear one, takes
+16, spread evenly over its area: there the share of rays is the share of the area, and borders are
+true below the pixel. Where bed, stones and weed hide one another there are 4. Shadows are looked
+for at every second pixel each way, and at all between where these differ; near their borders 16
+rays go to points spread over the lamp.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _BAND = 48
 # Shadow rays start this far above the surface, m: the meshes are that coarse.
 _LIFT = 0.003
 # What has no outline to speak of.
-_RAGGED = (NOTHING, BED, STONE, FIRST_THING + TUFT, FIRST_THING + LUMP)
+_WEED = (FIRST_THING + TUFT, FIRST_THING + LUMP)
 # Neighbours whose ranges differ by more than this many pixel widths have a border between them;
 # on a pipe, whose flank falls off steeply, by this many.
 _STEP, _FLANK_STEP = 6.0, 40.0
@@ -150,7 +150,7 @@ class _View:
         coverage = (landed.kind == PIPE).astype(np.float32)
         plain = np.flatnonzero(inside & ~border)
         light[plain] = self._shade(_part(landed, plain), lit[plain], pixels[plain])
-        fine = _beside_things(landed, shape)
+        fine = _outlines(landed, shape)
         for mask, subpixels in ((fine, _SUBPIXELS), (~fine, _FEW_SUBPIXELS)):
             mixed = np.flatnonzero(inside & border & mask)
             light[mixed], coverage[mixed] = self._refine(pixels[mixed], subpixels)
@@ -272,11 +272,19 @@ def _borders(landed: Landed, shape: tuple[int, int], angle: float) -> Mask:
     return border
 
 
-def _beside_things(landed: Landed, shape: tuple[int, int]) -> Mask:
-    """Find pixels with the pipe or a thing of clear outline in or next to them, (H, W)."""
-    thing = np.isin(landed.kind, _RAGGED, invert=True).reshape(shape)
-    beside: Mask = cv2.dilate(thing.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return beside
+def _outlines(landed: Landed, shape: tuple[int, int]) -> Mask:
+    """Find pixels with the border of the pipe, or of a thing of clear outline, near, (H, W).
+
+    Where weed hides a piece of it that border is the weed's, which is ragged.
+    """
+    near = np.ones((3, 3), np.uint8)
+    kind = landed.kind.reshape(shape).astype(np.int16)
+    weed = np.isin(kind, _WEED)
+    highest = cv2.dilate(np.where(weed, np.int16(-2), kind), near)
+    lowest = cv2.erode(np.where(weed, np.int16(1000), kind), near)
+    clear = np.isin(kind, (NOTHING, BED, STONE, *_WEED), invert=True)
+    outline: Mask = (highest > lowest) & (cv2.dilate(clear.view(np.uint8), near) > 0)
+    return outline
 
 
 def _fringe(lit: Float32Array, shape: tuple[int, ...], reach: int) -> Mask:
