@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.simulation.landing import FIRST_THING, MeshData
 from pipeline_tracker.simulation.meshes import Mesh, grid_faces
-from pipeline_tracker.simulation.shading import FIRST_THING, MeshData
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.simulation.lens import Lens, lenses_of
-from pipeline_tracker.simulation.light import Water, haze_of, lamps_of
-from pipeline_tracker.simulation.scenario import Scenario
-from pipeline_tracker.simulation.scene import Scene
-from pipeline_tracker.simulation.shading import (
+from pipeline_tracker.simulation.landing import (
     BED,
     FIRST_THING,
     LUMP,
@@ -31,14 +27,16 @@ from pipeline_tracker.simulation.shading import (
     PIPE,
     STONE,
     TUFT,
-    Eye,
     Landed,
-    Lighting,
     land,
-    shade,
     shadow_rays,
     sight_lines,
 )
+from pipeline_tracker.simulation.lens import Lens, lenses_of
+from pipeline_tracker.simulation.light import Water, haze_of, lamps_of
+from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.scene import Scene
+from pipeline_tracker.simulation.shading import Eye, Lighting, shade
 
 Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]

@@ -11,24 +11,24 @@ from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.bed import Bed, Bounds, Stones, scatter_stones
 from pipeline_tracker.simulation.fish import School
-from pipeline_tracker.simulation.lens import lenses_of
-from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
-from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
-from pipeline_tracker.simulation.pieces import merged
-from pipeline_tracker.simulation.raycaster import BothCasters, Caster, RayCaster
-from pipeline_tracker.simulation.scenario import Scenario
-from pipeline_tracker.simulation.shading import (
+from pipeline_tracker.simulation.landing import (
     BED,
     MOVERS,
     PIPE,
     STONE,
     THINGS,
     Ground,
-    Materials,
     MeshData,
     Solids,
     Tube,
 )
+from pipeline_tracker.simulation.lens import lenses_of
+from pipeline_tracker.simulation.materials import BedMaterial, PipeMaterial
+from pipeline_tracker.simulation.meshes import TUBE_FACETS, tube_mesh
+from pipeline_tracker.simulation.pieces import merged
+from pipeline_tracker.simulation.raycaster import BothCasters, Caster, RayCaster
+from pipeline_tracker.simulation.scenario import Scenario
+from pipeline_tracker.simulation.shading import Materials
 from pipeline_tracker.simulation.things import things_of
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Scene:
     Attributes:
         axis: the pipe's axis, the truth.
         bed: the height field.
-        caster: casts rays at it; its numbers are those of the meshes in shading.
+        caster: casts rays at it; its numbers are those of the meshes in landing.
         solids: the same for shading.
         materials: what they look like.
         school: what moves; it is in ``caster`` and ``solids`` in a scene ``at`` a time only.

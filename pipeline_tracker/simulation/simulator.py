@@ -18,6 +18,7 @@ from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation.ahead import made_ahead
 from pipeline_tracker.simulation.altimeter import Altimeter
 from pipeline_tracker.simulation.axis import PipeAxis
+from pipeline_tracker.simulation.landing import THINGS
 from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.light import lamps_of, reference_light, water_of
 from pipeline_tracker.simulation.motion import Motion
@@ -99,6 +100,7 @@ def build_sea(scenario: Scenario) -> Sea:
         _check_clear_of_pipe(scenario, axis, motion)
     scene = build_scene(scenario, axis, ground)
     _check_above_bed(scenario, scene, motion)
+    _check_clear_of_things(scenario, scene, motion)
     lamps = lamps_of(scenario.lamps)
     reference = reference_light(scenario, lamps)
     water = water_of(scenario, reference)
@@ -189,6 +191,21 @@ def _check_above_bed(scenario: Scenario, scene: Scene, motion: Motion) -> None:
                     f"at {time:g} s {name} is {where} the bed, expected at least {_CLEARANCE:g} m "
                     f"above it; change path.distance={scenario.path.distance:g}, "
                     "path.distance_sway, bed.burial, bed.drifts or its mounting"
+                )
+
+
+def _check_clear_of_things(scenario: Scenario, scene: Scene, motion: Motion) -> None:
+    """Refuse a vehicle inside or below a thing: looking up it would see one."""
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    for time in _pair_times(scenario):
+        pose = motion.pose(float(time))
+        for name, mounted in _carried(scenario):
+            place = pose.apply(mounted)
+            if scene.caster.nearest(place.astype(np.float32)[None], up).mesh[0] == THINGS:
+                raise SettingsError(
+                    f"at {time:g} s {name} is inside or below something on the bed, expected free "
+                    f"water above it; change path.distance={scenario.path.distance:g}, tubes, "
+                    "ledges or weed"
                 )
 
 

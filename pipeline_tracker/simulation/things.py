@@ -11,11 +11,11 @@ from pipeline_tracker.simulation.axis import PipeAxis
 from pipeline_tracker.simulation.bed import Bed, Bounds
 from pipeline_tracker.simulation.bed_objects import ledge_on_bed, tube_on_bed
 from pipeline_tracker.simulation.fish import School
+from pipeline_tracker.simulation.landing import FIRST_OBJECT, FISH, TUFT, MeshData
 from pipeline_tracker.simulation.materials import BLADE, SCALES, SOLID, thing_material
 from pipeline_tracker.simulation.meshes import Mesh
 from pipeline_tracker.simulation.pieces import Piece, merged
 from pipeline_tracker.simulation.scenario import Scenario
-from pipeline_tracker.simulation.shading import FIRST_OBJECT, FISH, TUFT, MeshData
 from pipeline_tracker.simulation.streams import random_stream
 from pipeline_tracker.simulation.weed import weeds
 

@@ -332,3 +332,15 @@ def test_more_frames_leave_the_first_ones_as_they_were(small: Callable[..., Scen
     lying = "tubes=[{at: 1.0, offset: 0.5, angle_deg: 30, wave: 0.1}]"
     few, many = (build_sea(small(*things, lying, f"frames={n}")) for n in (2, 4))
     assert np.array_equal(few.picture(1, 0).light, many.picture(1, 0).light)
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        "tubes=[{at: 0, offset: 0.3, length: 9, diameter: 3, burial: 0}]",
+        "ledges=[{at: 0.5, offset: -2, length: 9, width: 20, height: 3}]",
+    ],
+)
+def test_a_vehicle_inside_a_thing_is_refused(small: Callable[..., Scenario], thing: str) -> None:
+    with pytest.raises(SettingsError, match="inside or below something on the bed"):
+        build_sea(small(*LEVEL, thing))
