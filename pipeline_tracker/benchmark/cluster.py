@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -12,6 +13,23 @@ from pipeline_tracker.errors import PipelineTrackerError
 
 # To find the scheduler, s.
 _TIMEOUT = 15.0
+
+
+# What becomes of tasks is told by us; a scheduler that goes away is not told by tracebacks.
+_TALKATIVE = ("distributed", "distributed.client", "distributed.utils", "tornado")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    loggers = [logging.getLogger(name) for name in _TALKATIVE]
+    before = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
@@ -36,14 +54,15 @@ def cluster_pool(address: str) -> Iterator[tuple[Executor, int]]:
             f"--scheduler {address}: no Dask scheduler answers there ({reason}); start one with "
             "`dask scheduler` and give its address, such as tcp://192.168.0.10:8786"
         ) from None
-    try:
-        executor = client.get_executor(pure=False)
+    with _quiet():
         try:
-            yield executor, sum(client.nthreads().values())
+            executor = client.get_executor(pure=False)
+            try:
+                yield executor, sum(client.nthreads().values())
+            finally:
+                executor.shutdown(wait=False)
         finally:
-            executor.shutdown(wait=False)
-    finally:
-        client.close(timeout=_TIMEOUT)
+            client.close(timeout=_TIMEOUT)
 
 
 def _distributed() -> Any:

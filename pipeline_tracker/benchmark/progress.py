@@ -57,8 +57,8 @@ class BenchmarkProgress:
     def __enter__(self) -> Self:
         """Say what there is to do, and show the bar."""
         self._say(
-            f"{self._runs} runs, {self._before} of them done before; "
-            f"{self._runs - self._before} to do, and {self._seas} seas to simulate"
+            f"runs: {self._runs}, done before: {self._before}, "
+            f"to do: {self._runs - self._before}; seas to simulate: {self._seas}"
         )
         self._bar.start()
         return self

@@ -131,7 +131,7 @@ def test_two_jobs_and_a_failing_one(write_manifest: Write, tmp_path: Path) -> No
     # Again: only what failed.
     before = done_at(output)
     _, told = bench(manifest, output, jobs=1)
-    assert "7 runs, 5 of them done before; 2 to do, and 1 seas" in told
+    assert "runs: 7, done before: 5, to do: 2; seas to simulate: 1" in told
     assert done_at(output) == before
     # Again by force: all runs, no seas.
     _, told = bench(manifest, output, jobs=2, force=True)
@@ -168,7 +168,7 @@ def test_killed_twice_and_run_again(write_manifest: Write, tmp_path: Path) -> No
     process = start(manifest, "--output", output)
     _, errors = process.communicate(timeout=200)
     assert process.returncode == 0, errors
-    assert f"4 runs, {runs} of them done before; {4 - runs} to do, and 0 seas" in errors
+    assert f"runs: 4, done before: {runs}, to do: {4 - runs}; seas to simulate: 0" in errors
     after = done_at(output)
     assert {name: after[name] for name in before} == before
     assert [r["state"] for r in records(output)] == ["done"] * 4
@@ -198,7 +198,7 @@ def test_a_result_that_cannot_be_read_is_made_again(write_manifest: Write, tmp_p
     assert bench(manifest, output)[0].whole
     (run,) = output.glob("runs/*/run.json")
     run.write_text(run.read_text()[:20])
-    assert "1 runs, 0 of them done before; 1 to do, and 0 seas" in bench(manifest, output)[1]
+    assert "runs: 1, done before: 0, to do: 1; seas to simulate: 0" in bench(manifest, output)[1]
     assert records(output)[0]["state"] == "done"
 
 

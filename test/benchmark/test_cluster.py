@@ -118,6 +118,26 @@ def test_a_task_that_kills_every_worker_is_given_up(cluster: Any) -> None:
         assert outcome_of(future).reason.startswith("worker died: ")
 
 
+def test_a_scheduler_that_goes_away_is_no_traceback(
+    write_manifest: Write, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    manifest = write_manifest("runs: [{scenario: demo, set: {frames: 500}}]")
+    with distributed.LocalCluster(
+        n_workers=1, processes=True, dashboard_address=None, silence_logs="CRITICAL"
+    ) as cluster:
+        bench = Bench(manifest, tmp_path / "out", cluster.scheduler_address)
+        bench.start()
+        end = time.monotonic() + 60.0
+        while not [*(tmp_path / "out").glob("seas/.unfinished-*")]:
+            assert time.monotonic() < end
+            time.sleep(0.02)
+    bench.join(timeout=120.0)
+    (line,) = bench.outcome.lines
+    assert line.state == "failed"
+    assert "the scheduler has gone" in line.reason
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline_tracker.benchmark.cluster._TIMEOUT", 0.5)
     with (
