@@ -14,9 +14,11 @@ FULL_GAIN = 1.2
 LEAST_GAIN = 0.5
 LEAST_FACE_SHARE = 0.7
 LEAST_CONTOUR_SHARE = 0.12
+COVERED_FACE_SHARE, COVERED_LEAST_GAIN, COVERED_MOST_PIERCED = 0.45, 0.8, 0.15
 GOOD_CONTOUR_SHARE, GOOD_LEAST_GAIN, GOOD_LEAST_FACE_SHARE = 0.3, 0.2, 0.8
 CLEAR_CONTOUR_SHARE, CLEAR_LEAST_GAIN = 0.5, -0.1
 STRONG_GAIN, STRONG_FACE_SHARE = 1.0, 0.92
+_MANY_FACE_POINTS = 60
 # Where the face has no texture to match, the contours alone must speak.
 ALONE_CONTOUR_SHARE = 0.35
 # A contour that is supported along half of its length is all that can be hoped for in the sea.
@@ -65,21 +67,46 @@ def refusal(support: Support, stereo: bool) -> str:
     return ""
 
 
+def beyond_doubt(support: Support) -> bool:
+    """Tell whether surface and contours agree so well that no other hypothesis can be better."""
+    return (
+        support.face_points >= _MANY_FACE_POINTS
+        and support.face_share >= STRONG_FACE_SHARE
+        and support.face_gain >= STRONG_GAIN
+        and support.contour_share >= GOOD_CONTOUR_SHARE
+    )
+
+
 def _refused_by_surface(support: Support) -> str:
-    shaped = support.face_share >= LEAST_FACE_SHARE and support.face_gain >= LEAST_GAIN
+    gain, share = support.face_gain, support.face_share
+    shaped = share >= LEAST_FACE_SHARE and gain >= LEAST_GAIN
+    # Silt or growth lies on a part of the face: what is left is a cylinder all the same, as long
+    # as hardly anything is seen through it.
+    covered = (
+        share >= COVERED_FACE_SHARE
+        and gain >= COVERED_LEAST_GAIN
+        and support.pierced_share <= COVERED_MOST_PIERCED
+    )
     # A short baseline or a wide angle makes cylinder and plane alike within the noise; where the
     # contours are good, it is enough that the surface does not speak against them.
     clear = support.contour_share >= CLEAR_CONTOUR_SHARE
     fitting = (
         support.contour_share >= GOOD_CONTOUR_SHARE
-        and support.face_share >= GOOD_LEAST_FACE_SHARE
-        and support.face_gain >= (CLEAR_LEAST_GAIN if clear else GOOD_LEAST_GAIN)
+        and share >= GOOD_LEAST_FACE_SHARE
+        and gain >= (CLEAR_LEAST_GAIN if clear else GOOD_LEAST_GAIN)
     )
-    if not shaped and not fitting:
+    if not (shaped or covered or fitting):
         return "surface_not_a_pipe"
-    strong = support.face_share > STRONG_FACE_SHARE and support.face_gain > STRONG_GAIN
-    least = LEAST_CONTOUR_SHARE * (0.5 if strong else 1.0)
-    return "" if support.contour_share >= least else "too_little_contour"
+    return "" if support.contour_share >= _least_contour_share(support) else "too_little_contour"
+
+
+def _least_contour_share(support: Support) -> float:
+    """The better the surface is a cylinder's, the less need be seen of its contours."""
+    if support.face_points < _MANY_FACE_POINTS:
+        return LEAST_CONTOUR_SHARE
+    # Never nothing: a smooth hump of the bed is a cylinder too, but has no contours.
+    excess = (support.face_gain - LEAST_GAIN) / (STRONG_GAIN - LEAST_GAIN)
+    return LEAST_CONTOUR_SHARE * float(np.clip(1.0 - 0.5 * excess, 0.5, 1.0))
 
 
 def too_uncertain(covariance: NDArray[np.float64], distance: float) -> bool:

@@ -16,10 +16,16 @@ from pipeline_tracker.types import Mode, PipeSegment, VectorizedStereo
 
 Array = NDArray[np.float64]
 
+_UP = np.array([0.0, 0.0, 1.0])
+
 # What no residual shows: calibration, the shape of a real pipe, edges that are not its contour.
 # Standard deviations of left and up for each metre of distance, of heading and pitch in rad; added
 # to those of the fit.
 _MODEL_SIGMAS = np.array([0.00035, 0.0005, 0.002, 0.002])
+# What lies on a part of the face (silt, growth) lifts and tilts the fit: standard deviations for
+# each unit of the share that is missing.
+_WHOLE_FACE = 0.85
+_COVERED_SIGMAS = np.array([0.01, 0.04, 0.02, 0.04])
 
 
 def middle_of_view(axis: Axis, camera: Camera) -> float:
@@ -68,11 +74,19 @@ def segment_ends(axis: Axis, camera: Camera, length: float) -> tuple[Array, Arra
     return axis.at(low), axis.at(high)
 
 
-def published_covariance(fit: AxisFit) -> Array:
-    """Return the 4 x 4 covariance (left, up, heading, pitch) of a fit at its origin."""
+def published_covariance(fit: AxisFit, support: Support) -> Array:
+    """Return the 4 x 4 covariance (left, up, heading, pitch) of a fit at its origin.
+
+    Args:
+        fit: the fit.
+        support: what the pictures have for it.
+    """
     distance = max(1.0, float(np.linalg.norm(fit.axis.point)))
     sigmas = _MODEL_SIGMAS * np.array([distance, distance, 1.0, 1.0])
     covariance: Array = fit.covariance[:4, :4] + np.diag(np.square(sigmas))
+    if support.face_points:
+        covered = max(0.0, _WHOLE_FACE - support.face_share)
+        covariance += np.diag(np.square(covered * _COVERED_SIGMAS))
     return 0.5 * (covariance + covariance.T)
 
 
@@ -118,11 +132,18 @@ class SegmentMaker:
             start=self._mounting.apply(start),
             end=self._mounting.apply(end),
             radius=self._radius,
-            covariance=covariance,
+            covariance=covariance + _sag(axis, start, end, self._mounting),
             support=float(np.float32(support_share(support))),
             visible_contours=bits,
             contours=lines,
         )
+
+
+def _sag(axis: Axis, start: Array, end: Array, mounting: Pose) -> Array:
+    """Return what the bend adds to the 4 x 4 covariance of a straight piece at its middle."""
+    left, up = across(mounting.rotate(axis.direction), _UP)
+    off = mounting.rotate(axis.point - 0.5 * (start + end))
+    return np.diag([float(off @ left) ** 2, float(off @ up) ** 2, 0.0, 0.0])
 
 
 def axis_of_segment(segment: PipeSegment, mounting: Pose) -> Axis:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,7 +123,12 @@ def test_a_made_segment_is_in_base_link_with_all_that_belongs_to_it() -> None:
     assert np.allclose(made.start, TILTED.rotation @ start + TILTED.translation)
     assert np.allclose(made.end, TILTED.rotation @ end + TILTED.translation)
     assert (made.stamp_ns, made.mode, made.technique, made.radius) == (7, Mode.TRACKING, 0, 0.3)
-    assert np.array_equal(made.covariance, covariance)
+    # The straight piece cuts the bend: its middle is off the axis by the sag.
+    sag = made.covariance - covariance
+    assert np.array_equal(sag, np.diag(np.diag(sag)))
+    off = axis.point - 0.5 * (start + end)
+    assert sag.trace() == pytest.approx(float(off @ off), rel=1e-3)
+    assert sag.trace() > 0.0
     assert made.visible_contours == Contours.LEFT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT
     assert made.contours.tolist() == [[10, 20, 50, 65], [110, 120, 150, 165]]
     assert 0.0 < made.support <= 1.0
@@ -137,9 +143,15 @@ def test_the_published_covariance_is_no_less_than_the_fits() -> None:
     root = 1e-3 * random.normal(size=(6, 6))
     left, up = across(BENT.direction, np.array([0.0, 0.0, -1.0]))
     fit = AxisFit(BENT, root @ root.T, left, up, 1.0, np.ones(0), np.ones(0))
-    published = published_covariance(fit)
+    whole = Support((), 200, 0.95, 0.0, 1.5)
+    published = published_covariance(fit, whole)
     assert np.array_equal(published, published.T)
     assert np.linalg.eigvalsh(published - fit.covariance[:4, :4]).min() > 0.0
+    # Where something lies on the pipe, or the contours stand alone.
+    covered = published_covariance(fit, replace(whole, face_share=0.5))
+    assert np.linalg.eigvalsh(covered - published).min() > 0.0
+    alone = published_covariance(fit, Support((), 0, 0.0, 0.0, 0.0))
+    assert np.array_equal(alone, published)
 
 
 @given(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.acceptance import refusal, score, support_share, too_uncertain
+from pipeline_tracker.acceptance import beyond_doubt, refusal, score, support_share, too_uncertain
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.geometry.pose import Pose
@@ -84,7 +85,10 @@ class Recognizer:
         return self._maker.make(frame, axis, covariance, best.support, Mode.RECOGNITION, technique)
 
     def _best(self, frame: VectorizedStereo, surface: SurfacePoints) -> Hypothesis | None:
-        """Fit the most promising hypotheses and keep the one that both kinds of evidence bear."""
+        """Fit the most promising hypotheses and keep the one that both kinds of evidence bear.
+
+        Those from the surface come first; where one of them is beyond doubt, no other is tried.
+        """
         best: Hypothesis | None = None
         for start, by_contours in self._starts(frame, surface):
             fit = refine(
@@ -93,14 +97,25 @@ class Recognizer:
             if fit is None:
                 continue
             support = judge(frame, surface, fit.axis, self._radius)
-            found = Hypothesis(fit.axis, published_covariance(fit), support)
+            found = Hypothesis(fit.axis, published_covariance(fit, support), support)
             if best is None or found.score > best.score:
                 best = found
+            if beyond_doubt(support):
+                break
         return best
 
-    def _starts(self, frame: VectorizedStereo, surface: SurfacePoints) -> list[tuple[Axis, bool]]:
-        """Hypotheses along the vehicle's x axis, with whether they come from contours."""
-        votes = vote_for_cylinders(surface, self._radius)[:_REFINED]
+    def _starts(
+        self, frame: VectorizedStereo, surface: SurfacePoints
+    ) -> Iterator[tuple[Axis, bool]]:
+        """Yield hypotheses along the vehicle's x axis, with whether they come from contours."""
+        forward = self._mounting.inverse().rotate(np.array([1.0, 0.0, 0.0]))
+        votes = vote_for_cylinders(surface, self._radius, frame.rig.left.width)
+        for axis, _ in votes[:_REFINED]:
+            yield _along(axis, forward), False
+        for axis in self._best_contour_axes(frame):
+            yield _along(axis, forward), True
+
+    def _best_contour_axes(self, frame: VectorizedStereo) -> list[Axis]:
         axes = self._contour_axes(frame)
         order = np.argsort(-vote(frame, axes, self._radius), kind="stable")
         chosen: list[Axis] = []
@@ -109,12 +124,7 @@ class Recognizer:
                 chosen.append(axis)
             if len(chosen) == _REFINED:
                 break
-        forward = self._mounting.inverse().rotate(np.array([1.0, 0.0, 0.0]))
-        starts = [(axis, False) for axis, _ in votes] + [(axis, True) for axis in chosen]
-        return [
-            (axis if float(axis.direction @ forward) >= 0 else axis.reversed(), by_contours)
-            for axis, by_contours in starts
-        ]
+        return chosen
 
     def _contour_axes(self, frame: VectorizedStereo) -> list[Axis]:
         axes: list[Axis] = []
@@ -125,6 +135,10 @@ class Recognizer:
             pairs = pair_hypotheses(lines, camera, self._radius, thumbnails[number])
             axes += [axis for axis, _ in pairs]
         return axes
+
+
+def _along(axis: Axis, forward: Array) -> Axis:
+    return axis if float(axis.direction @ forward) >= 0 else axis.reversed()
 
 
 def _alike(a: Axis, b: Axis, radius: float) -> bool:

@@ -14,7 +14,7 @@ from pipeline_tracker.surface import SurfacePoints
 
 Array = NDArray[np.float64]
 
-_DIRECTIONS = 60
+_DIRECTIONS = 45
 _ELEVATIONS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 # Between two of the directions tried, the pipe's surface is off by some centimetres at the ends of
 # the view: a point counts that is no further off than this share of r, be it ever so exact.
@@ -22,6 +22,12 @@ _TOLERANCE_SHARE = 0.15
 # Only what rises this far to each side of the axis is taken for the face, as a share of r.
 _STRIP_SHARE = 0.85
 _LEAST_VOTES = 8
+# One point is taken of each cell of the picture, this share of its width: where matches are dense
+# they would outvote the bed, and a start needs no more.
+_CELL_SHARE = 1.0 / 36.0
+# Step between the positions tried across, as a share of r.
+_STEP_SHARE = 0.25
+_KEPT_EACH = 3
 
 
 @compiled
@@ -73,8 +79,8 @@ def _best_level(
 
 
 @compiled
-def _vote_directions(
-    u: Array, h: Array, tolerance: Array, radius: float, step: float, best: Array
+def _vote_across(
+    u: Array, h: Array, tolerance: Array, radius: float, step: float, best: Array, room: Array
 ) -> None:
     """Vote for axis positions of one direction in the plane across it.
 
@@ -84,11 +90,11 @@ def _vote_directions(
         radius: m.
         step: m between the positions tried.
         best: (K, 3) filled with score, position across, height of the axis; score descending.
+        room: (2, N), overwritten.
     """
     n = u.shape[0]
     keep = best.shape[0]
-    heights = np.empty(n)
-    slack = np.empty(n)
+    heights, slack = room[0], room[1]
     width = max(0.4 * np.median(tolerance), 0.01 * radius)
     table = np.empty((3, max(8, int(4.0 * radius / width))))
     first = 0
@@ -104,7 +110,8 @@ def _vote_directions(
             slack[count] = tolerance[i]
             count += 1
             i += 1
-        if count >= _LEAST_VOTES:
+        # A strip has no more votes than points.
+        if count >= _LEAST_VOTES and count > best[keep - 1, 0]:
             votes, level = _best_level(heights, slack, count, width, table)
             if votes > best[keep - 1, 0]:
                 place = keep - 1
@@ -124,6 +131,58 @@ def _vote_directions(
                             best[place - 1, c] = held
                         place -= 1
         position += step
+
+
+@compiled
+def _vote_directions(
+    points: Array, tolerance: Array, sides: Array, heights: Array, radius: float, out: Array
+) -> None:
+    """Vote for each direction.
+
+    Args:
+        points: (N, 3), m.
+        tolerance: (N,), m.
+        sides, heights: unit vectors across each direction, level and up, (D, 3).
+        radius: m.
+        out: (D, K, 3) filled, see ``_vote_across``.
+    """
+    n = points.shape[0]
+    u, h = np.empty(n), np.empty(n)
+    sorted_u, sorted_h, sorted_tolerance = np.empty(n), np.empty(n), np.empty(n)
+    room = np.empty((2, n))
+    out[:] = 0.0
+    for d in range(sides.shape[0]):
+        for i in range(n):
+            u[i] = 0.0
+            h[i] = 0.0
+            for k in range(3):
+                u[i] += points[i, k] * sides[d, k]
+                h[i] += points[i, k] * heights[d, k]
+        order = np.argsort(u, kind="mergesort")
+        for i in range(n):
+            sorted_u[i] = u[order[i]]
+            sorted_h[i] = h[order[i]]
+            sorted_tolerance[i] = tolerance[order[i]]
+        step = _STEP_SHARE * radius
+        _vote_across(sorted_u, sorted_h, sorted_tolerance, radius, step, out[d], room)
+
+
+def _directions(normal: Array) -> tuple[Array, Array, Array]:
+    """Return directions (D, 3) around a plane's normal, and the vectors across: level and up."""
+    first = np.cross(normal, np.array([1.0, 0.0, 0.0]))
+    if np.linalg.norm(first) < 0.1:
+        first = np.cross(normal, np.array([0.0, 1.0, 0.0]))
+    first = first / np.linalg.norm(first)
+    second = np.cross(normal, first)
+    angle = np.pi * np.arange(_DIRECTIONS)[:, None, None] / _DIRECTIONS
+    slope = np.array(_ELEVATIONS)[None, :, None]
+    level = np.cos(angle) * first + np.sin(angle) * second
+    directions = np.cos(slope) * level + np.sin(slope) * normal
+    sides = np.broadcast_to(np.cross(normal, level), directions.shape)
+    heights = np.cross(directions, sides)
+    heights = np.where(heights @ normal < 0, -1.0, 1.0)[..., None] * heights
+    flat = [np.ascontiguousarray(part.reshape(-1, 3)) for part in (directions, sides, heights)]
+    return flat[0], flat[1], flat[2]
 
 
 def dominant_plane(points: Array, sigmas: Array) -> tuple[Array, Array]:
@@ -150,7 +209,7 @@ def dominant_plane(points: Array, sigmas: Array) -> tuple[Array, Array]:
 
 
 def vote_for_cylinders(
-    surface: SurfacePoints, radius: float, most: int = 6
+    surface: SurfacePoints, radius: float, width: int, most: int = 6
 ) -> list[tuple[Axis, float]]:
     """Find axes of cylinders of known radius on which many surface points lie.
 
@@ -159,6 +218,7 @@ def vote_for_cylinders(
     Args:
         surface: triangulated matches.
         radius: m.
+        width: of the left image, px.
         most: hypotheses at most.
 
     Returns:
@@ -166,6 +226,7 @@ def vote_for_cylinders(
     """
     if surface.points.shape[0] < 2 * _LEAST_VOTES:
         return []
+    surface = _thinned(surface, width)
     _, normal = dominant_plane(surface.points, surface.depth_sigmas)
     tolerance = np.maximum(2.5 * surface.depth_sigmas, _TOLERANCE_SHARE * radius)
     # A depth as uncertain as the radius says nothing of its shape.
@@ -173,30 +234,25 @@ def vote_for_cylinders(
     points, tolerance = surface.points[usable], tolerance[usable]
     if points.shape[0] < 2 * _LEAST_VOTES:
         return []
-    first = np.cross(normal, np.array([1.0, 0.0, 0.0]))
-    if np.linalg.norm(first) < 0.1:
-        first = np.cross(normal, np.array([0.0, 1.0, 0.0]))
-    first = first / np.linalg.norm(first)
-    second = np.cross(normal, first)
-    found: list[tuple[float, Array, Array]] = []
-    for k in range(_DIRECTIONS):
-        angle = np.pi * k / _DIRECTIONS
-        level = np.cos(angle) * first + np.sin(angle) * second
-        for elevation in _ELEVATIONS:
-            direction = np.cos(elevation) * level + np.sin(elevation) * normal
-            side = np.cross(normal, level)
-            height = np.cross(direction, side)
-            if float(height @ normal) < 0:
-                height = -height
-            u, h = points @ side, points @ height
-            order = np.argsort(u, kind="stable")
-            best = np.zeros((3, 3))
-            _vote_directions(u[order], h[order], tolerance[order], radius, radius / 6.0, best)
-            for score, position, lift in best:
-                if score > 0:
-                    found.append((float(score), position * side + lift * height, direction))
+    directions, sides, heights = _directions(normal)
+    best = np.empty((len(directions), _KEPT_EACH, 3))
+    _vote_directions(points, tolerance, sides, heights, radius, best)
+    found = [
+        (float(score), position * sides[d] + lift * heights[d], directions[d])
+        for d, k in zip(*np.nonzero(best[:, :, 0] > 0.0), strict=True)
+        for score, position, lift in [best[d, k]]
+    ]
     found.sort(key=lambda entry: -entry[0])
     return _distinct(found, points, radius, most)
+
+
+def _thinned(surface: SurfacePoints, width: int) -> SurfacePoints:
+    """Return one point of each cell of the left picture."""
+    cells = np.floor(surface.left_pixels / (_CELL_SHARE * width)).astype(np.int64)
+    _, first = np.unique(cells[:, 0] + 1000 * cells[:, 1], return_index=True)
+    chosen = np.zeros(len(cells), np.bool_)
+    chosen[first] = True
+    return surface.subset(chosen)
 
 
 def _distinct(

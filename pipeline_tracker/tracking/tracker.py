@@ -217,7 +217,7 @@ class Tracker:
             if fit is None:
                 continue
             support = judge(frame, surface, fit.axis, self._settings.radius)
-            found = _Found(fit.axis, published_covariance(fit), support)
+            found = _Found(fit.axis, published_covariance(fit, support), support)
             if best is None or score(support) > score(best.support):
                 best = found
             refused = refusal(support, frame.rig.right is not None)

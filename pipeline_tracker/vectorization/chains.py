@@ -19,27 +19,33 @@ def _next_pixel(
     ridge: NDArray[np.uint8],
     dx: NDArray[np.int16],
     dy: NDArray[np.int16],
-    x: int,
-    y: int,
+    place: int,
+    steps: NDArray[np.int64],
     heading: int,
 ) -> int:
     """Return the direction (0 to 7) in which an edge goes on from a pixel, -1 where it ends.
 
     Straight on first, then 45 and 90 degrees to each side; only to edges of a similar gradient
     (within 45 degrees), so that a chain never changes from one side of a line to the other.
+
+    Args:
+        ridge, dx, dy: flat.
+        place: flat index of the pixel.
+        steps: (8,) from a pixel to its neighbours, flat.
+        heading: direction in which the edge came.
     """
-    gx = float(dx[y, x])
-    gy = float(dy[y, x])
-    norm = np.sqrt(gx * gx + gy * gy)
+    gx = float(dx[place])
+    gy = float(dy[place])
+    square = 0.5 * (gx * gx + gy * gy)
     for turn in (0, 1, -1, 2, -2):
-        k = (heading + turn) % 8
-        u = x + _STEP_X[k]
-        v = y + _STEP_Y[k]
-        if ridge[v, u] != 1:
+        k = (heading + turn) & 7
+        there = place + steps[k]
+        if ridge[there] != 1:
             continue
-        hx = float(dx[v, u])
-        hy = float(dy[v, u])
-        if gx * hx + gy * hy >= 0.7071 * norm * np.sqrt(hx * hx + hy * hy):
+        hx = float(dx[there])
+        hy = float(dy[there])
+        along = gx * hx + gy * hy
+        if along >= 0.0 and along * along >= square * (hx * hx + hy * hy):
             return k
     return -1
 
@@ -49,24 +55,35 @@ def _follow(
     ridge: NDArray[np.uint8],
     dx: NDArray[np.int16],
     dy: NDArray[np.int16],
-    x: int,
-    y: int,
+    place: int,
+    steps: NDArray[np.int64],
     heading: int,
     out: NDArray[np.int64],
-    count: int,
 ) -> int:
-    """Follow an edge from (x, y), mark its pixels as taken (2), append them to ``out``."""
+    """Follow an edge from a pixel, mark its pixels as taken (2), write them to ``out``; flat."""
+    count = 0
     while count < out.shape[0]:
-        k = _next_pixel(ridge, dx, dy, x, y, heading)
+        k = _next_pixel(ridge, dx, dy, place, steps, heading)
         if k < 0:
             break
-        x += _STEP_X[k]
-        y += _STEP_Y[k]
-        ridge[y, x] = 2
-        out[count, 0] = x
-        out[count, 1] = y
+        place += steps[k]
+        ridge[place] = 2
+        out[count] = place
         count += 1
         heading = k
+    return count
+
+
+@compiled
+def _strong_pixels(
+    ridge: NDArray[np.uint8], magnitude: Float32Array, high: float, found: NDArray[np.int32]
+) -> int:
+    """Fill the flat indices of the edges' pixels above ``high``, in order; return how many."""
+    count = 0
+    threshold = np.float32(high)
+    for i in range(ridge.size):
+        found[count] = i
+        count += (ridge[i] == 1) & (magnitude[i] >= threshold)
     return count
 
 
@@ -178,6 +195,7 @@ def trace_segments(
     high: float,
     tolerance: float,
     min_length: float,
+    strong: NDArray[np.int32],
 ) -> Float32Array:
     """Trace edges into chains and chains into straight segments with sub-pixel ends.
 
@@ -192,6 +210,7 @@ def trace_segments(
         high: a chain needs one pixel of this magnitude.
         tolerance: a broken line is split where it deviates by more, px.
         min_length: shorter segments are dropped, px.
+        strong: (H W + 1,) int32, overwritten.
 
     Returns:
         (N, 4) float32, x1 y1 x2 y2, px; the brighter side is to the right of the direction
@@ -202,52 +221,52 @@ def trace_segments(
     segments = np.empty((capacity, 4), np.float32)
     found = 0
     longest = 4 * (height + width)
-    ahead = np.empty((longest, 2), np.int64)
-    behind = np.empty((longest, 2), np.int64)
+    ahead = np.empty(longest, np.int64)
+    behind = np.empty(longest, np.int64)
     points = np.empty((2 * longest + 1, 2), np.float32)
     breaks = np.empty(2 * longest + 1, np.int64)
     one = np.empty(4, np.float32)
-    for y0 in range(2, height - 2):
-        for x0 in range(2, width - 2):
-            if ridge[y0, x0] != 1 or magnitude[y0, x0] < high:
+    steps = _STEP_Y * width + _STEP_X
+    flat, flat_x, flat_y = ridge.ravel(), dx.ravel(), dy.ravel()
+    flat_magnitude, flat_offset = magnitude.ravel(), offset.ravel()
+    for number in range(_strong_pixels(flat, flat_magnitude, high, strong)):
+        start = int(strong[number])
+        if flat[start] != 1:
+            continue
+        flat[start] = 2
+        # Along the edge, with the gradient (the brighter side) to the right: image y is down.
+        angle = np.arctan2(-float(flat_x[start]), float(flat_y[start]))
+        heading = int(np.rint(angle / (np.pi / 4))) & 7
+        n_ahead = _follow(flat, flat_x, flat_y, start, steps, heading, ahead)
+        n_behind = _follow(flat, flat_x, flat_y, start, steps, (heading + 4) & 7, behind)
+        n = n_behind + 1 + n_ahead
+        if n < min_length * 0.7:
+            continue
+        for i in range(n):
+            if i < n_behind:
+                place = behind[n_behind - 1 - i]
+            elif i == n_behind:
+                place = start
+            else:
+                place = ahead[i - n_behind - 1]
+            shift = flat_offset[place] / flat_magnitude[place]
+            points[i, 0] = place % width + shift * flat_x[place]
+            points[i, 1] = place // width + shift * flat_y[place]
+        corners = _split(points[:n], tolerance, breaks)
+        for k in range(corners - 1):
+            if _fit(points, breaks[k], breaks[k + 1], one) < min_length:
                 continue
-            ridge[y0, x0] = 2
-            # Along the edge, with the gradient (the brighter side) to the right: image y is down.
-            angle = np.arctan2(-float(dx[y0, x0]), float(dy[y0, x0]))
-            heading = int(np.rint(angle / (np.pi / 4))) % 8
-            n_ahead = _follow(ridge, dx, dy, x0, y0, heading, ahead, 0)
-            n_behind = _follow(ridge, dx, dy, x0, y0, (heading + 4) % 8, behind, 0)
-            n = n_behind + 1 + n_ahead
-            if n < min_length * 0.7:
-                continue
-            for i in range(n):
-                if i < n_behind:
-                    x = behind[n_behind - 1 - i, 0]
-                    y = behind[n_behind - 1 - i, 1]
-                elif i == n_behind:
-                    x = x0
-                    y = y0
-                else:
-                    x = ahead[i - n_behind - 1, 0]
-                    y = ahead[i - n_behind - 1, 1]
-                shift = offset[y, x] / magnitude[y, x]
-                points[i, 0] = x + shift * dx[y, x]
-                points[i, 1] = y + shift * dy[y, x]
-            corners = _split(points[:n], tolerance, breaks)
-            for k in range(corners - 1):
-                if _fit(points, breaks[k], breaks[k + 1], one) < min_length:
-                    continue
-                # A chain may have set out the wrong way where an edge begins; the gradient tells.
-                middle = (breaks[k] + breaks[k + 1]) // 2
-                x = int(np.rint(points[middle, 0]))
-                y = int(np.rint(points[middle, 1]))
-                if (one[2] - one[0]) * dy[y, x] < (one[3] - one[1]) * dx[y, x]:
-                    one[0], one[1], one[2], one[3] = one[2], one[3], one[0], one[1]
-                if found == capacity:
-                    capacity *= 2
-                    grown = np.empty((capacity, 4), np.float32)
-                    grown[:found] = segments
-                    segments = grown
-                segments[found] = one
-                found += 1
+            # A chain may have set out the wrong way where an edge begins; the gradient tells.
+            middle = (breaks[k] + breaks[k + 1]) // 2
+            x = int(np.rint(points[middle, 0]))
+            y = int(np.rint(points[middle, 1]))
+            if (one[2] - one[0]) * dy[y, x] < (one[3] - one[1]) * dx[y, x]:
+                one[0], one[1], one[2], one[3] = one[2], one[3], one[0], one[1]
+            if found == capacity:
+                capacity *= 2
+                grown = np.empty((capacity, 4), np.float32)
+                grown[:found] = segments
+                segments = grown
+            segments[found] = one
+            found += 1
     return segments[:found].copy()

@@ -11,16 +11,16 @@ Float32Array = NDArray[np.float32]
 
 
 @compiled
-def gradient_magnitude(dx: NDArray[np.int16], dy: NDArray[np.int16]) -> Float32Array:
-    """Return |gradient| of an image, (H, W) float32, from its derivatives (H, W) int16."""
+def gradient_magnitude(
+    dx: NDArray[np.int16], dy: NDArray[np.int16], magnitude: Float32Array
+) -> None:
+    """Fill |gradient| of an image, (H, W) float32, from its derivatives (H, W) int16."""
     height, width = dx.shape
-    magnitude = np.empty((height, width), np.float32)
     for y in range(height):
         for x in range(width):
             gx = np.float32(dx[y, x])
             gy = np.float32(dy[y, x])
             magnitude[y, x] = np.sqrt(gx * gx + gy * gy)
-    return magnitude
 
 
 @compiled
@@ -53,52 +53,53 @@ def suppress_non_maxima(
     magnitude: Float32Array,
     low: float,
     offset: Float32Array,
-) -> NDArray[np.uint8]:
+    ridge: NDArray[np.uint8],
+) -> None:
     """Keep the ridge of the gradient, one pixel wide.
 
     Args:
         dx, dy: derivatives, (H, W) int16.
         magnitude: (H, W) float32.
         low: magnitudes below are no edge.
-        offset: (H, W) float32, filled where there is an edge: px from the pixel's centre to the
+        offset: (H, W) float32, filled; where there is an edge: px from the pixel's centre to the
             ridge along the gradient, -0.5 to 0.5, by a parabola through three magnitudes.
-
-    Returns:
-        (H, W) uint8, 1 on the ridge, else 0. The border of 2 px is empty.
+        ridge: (H, W) uint8, filled: 1 on the ridge, else 0. The border of 2 px is empty.
     """
     height, width = magnitude.shape
-    ridge = np.zeros((height, width), np.uint8)
+    ridge[:2] = 0
+    ridge[max(height - 2, 0) :] = 0
+    ridge[:, :2] = 0
+    ridge[:, max(width - 2, 0) :] = 0
+    zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-6)
+    floor = np.float32(low)
     for y in range(2, height - 2):
+        above, row, below = magnitude[y - 1], magnitude[y], magnitude[y + 1]
+        # Without a branch, so that several pixels are done at once.
         for x in range(2, width - 2):
-            here = magnitude[y, x]
-            if here < low:
-                continue
+            here = row[x]
             gx = np.float32(dx[y, x])
             gy = np.float32(dy[y, x])
-            ax = abs(gx)
-            ay = abs(gy)
+            west, east, north, south = row[x - 1], row[x + 1], above[x], below[x]
+            north_west, north_east = above[x - 1], above[x + 1]
+            south_west, south_east = below[x - 1], below[x + 1]
+            ax, ay = abs(gx), abs(gy)
+            steep = ay > ax
+            falling = gx * gy > zero
             # Magnitudes one step along the gradient, interpolated between two pixels.
-            if ax >= ay:
-                sx = 1 if gx > 0 else -1
-                t = gy / gx * sx
-                sy = 1 if t > 0 else -1
-                w = abs(t)
-                ahead = (1 - w) * magnitude[y, x + sx] + w * magnitude[y + sy, x + sx]
-                behind = (1 - w) * magnitude[y, x - sx] + w * magnitude[y - sy, x - sx]
-            else:
-                sy = 1 if gy > 0 else -1
-                t = gx / gy * sy
-                sx = 1 if t > 0 else -1
-                w = abs(t)
-                ahead = (1 - w) * magnitude[y + sy, x] + w * magnitude[y + sy, x + sx]
-                behind = (1 - w) * magnitude[y - sy, x] + w * magnitude[y - sy, x - sx]
+            w = min(ax, ay) / max(ax, ay, tiny)
+            straight = south if steep else east
+            opposite = north if steep else west
+            diagonal = south_east if falling else (south_west if steep else north_east)
+            antidiagonal = north_west if falling else (north_east if steep else south_west)
+            plus = straight + w * (diagonal - straight)
+            minus = opposite + w * (antidiagonal - opposite)
+            forward = (gy if steep else gx) > zero
+            ahead = plus if forward else minus
+            behind = minus if forward else plus
+            curvature = here + here - ahead - behind
+            step = np.sqrt(one + w * w)
+            part = step * (ahead - behind) / (max(curvature, tiny) * np.float32(2))
             # ">" on one side and ">=" on the other keep one pixel of a plateau.
-            if here > ahead and here >= behind:
-                curvature = 2 * here - ahead - behind
-                step = np.sqrt(np.float32(1.0) + w * w)
-                if curvature > 0:
-                    offset[y, x] = step * (ahead - behind) / (2 * curvature)
-                else:
-                    offset[y, x] = 0.0
-                ridge[y, x] = 1
-    return ridge
+            kept = (here >= floor) & (here > ahead) & (here >= behind)
+            ridge[y, x] = kept
+            offset[y, x] = part

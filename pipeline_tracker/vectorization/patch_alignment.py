@@ -17,6 +17,7 @@ Float32Array = NDArray[np.float32]
 
 # Of the patch: half its size, Gaussian weight (one sigma) and blur of the images, px.
 _HALF, _SIGMA, _BLUR = 8, 4.8, 0.7
+_KERNEL = cv2.getGaussianKernel(7, _BLUR)
 # A step below the first is the last; a last one above the second has not settled.
 _MOST_STEPS, _CONVERGED, _UNSETTLED = 7, 0.04, 0.1
 # Farther from its start, or on a surface more slanted, the fit has slid to something else.
@@ -32,10 +33,15 @@ def patch_weights() -> Float32Array:
     return np.ascontiguousarray(np.outer(along, along), np.float32)
 
 
-def smoothed(image: Image) -> Float32Array:
-    """Return an image for ``align_patch``: float32, blurred a little against its noise."""
-    floats = image.astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(floats, (0, 0), _BLUR), np.float32)
+def smoothed(image: Image, out: Float32Array | None = None) -> Float32Array:
+    """Return an image for ``align_patch``: float32, blurred a little against its noise.
+
+    Args:
+        image: (H, W) uint8.
+        out: (H, W) float32 to fill; None: a new array.
+    """
+    blurred = cv2.sepFilter2D(image, cv2.CV_32F, _KERNEL, _KERNEL, dst=out)
+    return np.asarray(blurred, np.float32)
 
 
 @compiled_sums

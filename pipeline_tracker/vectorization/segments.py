@@ -12,6 +12,7 @@ from pipeline_tracker.vectorization.edges import (
     magnitude_quantile,
     suppress_non_maxima,
 )
+from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
@@ -25,33 +26,39 @@ _LOW_PART = 0.45
 _LEAST_HIGH = 12.0
 
 
-def equalize(image: Image, tiles: int = 8) -> Image:
+def equalize(image: Image, tiles: int = 8, workspace: Workspace | None = None) -> Image:
     """Even out illumination: contrast-limited adaptive histogram equalisation."""
-    result: Image = np.asarray(
-        cv2.createCLAHE(clipLimit=3.0, tileGridSize=(tiles, tiles)).apply(image), np.uint8
-    )
-    return result
+    even = (workspace or Workspace()).array("even", image.shape, np.uint8)
+    clahe = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(tiles, tiles))
+    return np.asarray(clahe.apply(image, even), np.uint8)
 
 
-def extract_segments(image: Image, tolerance: float, min_length: float) -> Float32Array:
+def extract_segments(
+    image: Image, tolerance: float, min_length: float, workspace: Workspace | None = None
+) -> Float32Array:
     """Vectorize one equalised image at one scale.
 
     Args:
         image: (H, W) uint8.
         tolerance: a broken line is split where it deviates by more, px.
         min_length: shorter segments are dropped, px.
+        workspace: where to compute; None: in new arrays.
 
     Returns:
         (N, 4) float32, x1 y1 x2 y2, px; the brighter side lies to the right of 1 -> 2.
     """
-    smooth = cv2.GaussianBlur(image, (5, 5), 1.2)
-    dx = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 1, 0, ksize=3), np.int16)
-    dy = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 0, 1, ksize=3), np.int16)
-    magnitude = gradient_magnitude(dx, dy)
+    workspace = workspace or Workspace()
+    array, shape = workspace.array, image.shape
+    smooth = cv2.GaussianBlur(image, (5, 5), 1.2, dst=array("smooth", shape, np.uint8))
+    dx, dy = array("dx", shape, np.int16), array("dy", shape, np.int16)
+    cv2.Sobel(smooth, cv2.CV_16S, 1, 0, dst=dx, ksize=3)
+    cv2.Sobel(smooth, cv2.CV_16S, 0, 1, dst=dy, ksize=3)
+    magnitude, offset = array("magnitude", shape, np.float32), array("offset", shape, np.float32)
+    ridge, strong = array("ridge", shape, np.uint8), array("strong", (image.size + 1,), np.int32)
+    gradient_magnitude(dx, dy, magnitude)
     high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, 2), _LEAST_HIGH)
-    offset = np.empty(image.shape, np.float32)
-    ridge = suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, offset)
-    return trace_segments(ridge, dx, dy, magnitude, offset, high, tolerance, min_length)
+    suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, offset, ridge)
+    return trace_segments(ridge, dx, dy, magnitude, offset, high, tolerance, min_length, strong)
 
 
 def shrink(image: Image, factor: int) -> Image:

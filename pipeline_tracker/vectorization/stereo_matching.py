@@ -18,6 +18,7 @@ from pipeline_tracker.vectorization.coarse_disparity import (
 )
 from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
 from pipeline_tracker.vectorization.segments import shrink
+from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
@@ -46,11 +47,23 @@ class StereoLevels(NamedTuple):
     coarse: Float32Array
 
 
-def stereo_levels(left: Image, right: Image) -> StereoLevels:
-    """Prepare a rectified pair, (H, W) uint8 each, for matching."""
+def stereo_levels(left: Image, right: Image, workspace: Workspace | None = None) -> StereoLevels:
+    """Prepare a rectified pair for matching.
+
+    Args:
+        left, right: (H, W) uint8.
+        workspace: where to compute; None: in new arrays.
+    """
+    array = (workspace or Workspace()).array
     half_left, half_right = (np.ascontiguousarray(shrink(image, 2)) for image in (left, right))
     coarse = coarse_disparities(shrink(half_left, 2), shrink(half_right, 2))
-    return StereoLevels(smoothed(left), smoothed(right), half_left, half_right, coarse)
+    return StereoLevels(
+        smoothed(left, array("smooth_left", left.shape, np.float32)),
+        smoothed(right, array("smooth_right", right.shape, np.float32)),
+        half_left,
+        half_right,
+        coarse,
+    )
 
 
 @compiled
@@ -82,29 +95,38 @@ def correlation(left: Image, right: Image, xl: int, xr: int, y: int, half: int) 
 
 
 @compiled
-def _half_disparity(
-    left: Image, right: Image, x: int, y: int, first: int, last: int
-) -> tuple[float, float]:
-    """Return the best disparity in ``first..last``, to a part of a pixel, and its correlation."""
+def _half_disparity(left: Image, right: Image, x: int, y: int, middle: int) -> tuple[float, float]:
+    """Return the best disparity near ``middle``, to a part of a pixel, and its correlation.
+
+    Climbs from the middle to the nearest maximum, a few pixels at most.
+    """
     half = _HALF_PATCH
-    best = -2.0
-    where = first
-    for d in range(first, last + 1):
-        if x - d - half < 0 or x - d + half >= right.shape[1]:
-            continue
-        value = correlation(left, right, x, x - d, y, half)
-        if value > best:
-            best = value
-            where = d
-    place = x - where
-    if best < _LEAST_COARSE or place - half < 1 or place + half >= right.shape[1] - 1:
+    width = right.shape[1]
+    where = middle
+    if x - where - 1 - half < 0 or x - where + 1 + half >= width:
+        return float(where), -1.0
+    below = correlation(left, right, x, x - where + 1, y, half)
+    best = correlation(left, right, x, x - where, y, half)
+    above = correlation(left, right, x, x - where - 1, y, half)
+    for _ in range(_REACH):
+        if best >= below and best >= above:
+            break
+        if above > below:
+            where += 1
+            if x - where - 1 - half < 0:
+                return float(where), -1.0
+            below, best = best, above
+            above = correlation(left, right, x, x - where - 1, y, half)
+        else:
+            where -= 1
+            if x - where + 1 + half >= width:
+                return float(where), -1.0
+            above, best = best, below
+            below = correlation(left, right, x, x - where + 1, y, half)
+    curvature = 2.0 * best - below - above
+    if best < below or best < above or curvature <= 0.0:
         return float(where), best
-    before = correlation(left, right, x, place + 1, y, half)
-    after = correlation(left, right, x, place - 1, y, half)
-    curvature = 2.0 * best - before - after
-    if curvature <= 0.0 or before > best or after > best:
-        return float(where), best
-    return where + 0.5 * (after - before) / curvature, best
+    return where + 0.5 * (above - below) / curvature, best
 
 
 @compiled
@@ -133,9 +155,7 @@ def _match(levels: StereoLevels, weights: Float32Array, points: Points) -> Float
         ):
             continue
         middle = int(np.rint(2.0 * coarse))
-        d, value = _half_disparity(
-            levels.half_left, levels.half_right, xh, yh, middle - _REACH, middle + _REACH
-        )
+        d, value = _half_disparity(levels.half_left, levels.half_right, xh, yh, middle)
         if value < _LEAST_COARSE:
             continue
         disparity, value = align_patch(levels.left, levels.right, weights, x, y, 2.0 * d)
@@ -157,17 +177,18 @@ def segment_points(segments: Float32Array, spacing: int) -> NDArray[np.int64]:
         segments: (N, 4) float32, px.
         spacing: px between the points.
     """
-    points: list[tuple[int, int]] = []
-    for x1, y1, x2, y2 in segments.astype(np.float64):
-        length = float(np.hypot(x2 - x1, y2 - y1))
-        # Along a row every place of a line looks alike: nothing to match.
-        if length < _MIN_SEGMENT or abs(y2 - y1) < 0.3 * length:
-            continue
-        count = max(1, int(length // spacing))
-        for k in range(count):
-            t = (k + 0.5) / count
-            points.append((round(x1 + t * (x2 - x1)), round(y1 + t * (y2 - y1))))
-    return np.array(sorted(set(points)), np.int64).reshape(-1, 2)
+    ends = segments.astype(np.float64)
+    way = ends[:, 2:] - ends[:, :2]
+    length = np.hypot(way[:, 0], way[:, 1])
+    # Along a row every place of a line looks alike: nothing to match.
+    usable = (length >= _MIN_SEGMENT) & (np.abs(way[:, 1]) >= 0.3 * length)
+    ends, way, length = ends[usable], way[usable], length[usable]
+    counts = np.maximum(1, length // spacing).astype(np.int64)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (number + 0.5) / counts[owner]
+    places = np.rint(ends[owner, :2] + share[:, None] * way[owner]).astype(np.int64)
+    return np.unique(places, axis=0).reshape(-1, 2)
 
 
 def match_points(levels: StereoLevels, points: Points) -> Float32Array:
@@ -183,18 +204,25 @@ def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     return _match(levels, patch_weights(), points)
 
 
-def match_pair(left: Image, right: Image, segments: Float32Array, spacing: int) -> Float32Array:
+def match_pair(
+    left: Image,
+    right: Image,
+    segments: Float32Array,
+    spacing: int,
+    workspace: Workspace | None = None,
+) -> Float32Array:
     """Match a rectified pair on a fixed grid and along the longer segments.
 
     Args:
         left, right: (H, W) uint8.
         segments: of the left image, (N, 4) float32, px.
         spacing: of the grid where it is finest, px.
+        workspace: where to compute; None: in new arrays.
 
     Returns:
         (M, 4) float32, x_left y_left x_right y_right, px.
     """
-    levels = stereo_levels(left, right)
+    levels = stereo_levels(left, right, workspace)
     height, width = left.shape
     grid = chosen_points(levels.coarse, width, height, spacing)
     along = segment_points(segments, 2 * spacing)

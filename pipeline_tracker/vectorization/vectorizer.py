@@ -17,6 +17,7 @@ from pipeline_tracker.vectorization.segments import (
     to_full_size,
 )
 from pipeline_tracker.vectorization.stereo_matching import match_pair
+from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
@@ -31,10 +32,11 @@ _THUMBNAIL = 8
 
 
 class Vectorizer:
-    """Vectorizes stereo pairs; has no memory of earlier ones."""
+    """Vectorizes stereo pairs; keeps arrays to compute in, but nothing of what was in them."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings.vectorization
+        self._workspace = Workspace()
 
     def process(
         self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
@@ -51,6 +53,7 @@ class Vectorizer:
         """
         start = time.perf_counter()
         left = _read_only(left)
+        self._workspace.begin(left.shape)
         left_segments = self._segments(left)
         if right is None:
             right_segments = np.zeros((0, 4), np.float32)
@@ -75,7 +78,7 @@ class Vectorizer:
     def _segments(self, image: Image) -> Float32Array:
         """Segments at the working size, at half of it and so on: coarse edges survive fouling."""
         factor = _working_factor(image.shape[1])
-        even = equalize(shrink(image, factor))
+        even = equalize(shrink(image, factor), workspace=self._workspace)
         scale = even.shape[1] / _REFERENCE_WIDTH
         min_length = max(6.0, self._settings.min_length * min(1.0, scale))
         levels = []
@@ -85,7 +88,7 @@ class Vectorizer:
             if min(part.shape) < 16:
                 break
             least = min_length if step == 1 else min(min_length, _COARSE_MIN_LENGTH)
-            found = extract_segments(part, self._settings.split_tolerance, least)
+            found = extract_segments(part, self._settings.split_tolerance, least, self._workspace)
             levels.append(to_full_size(found, step * factor))
             step *= 2
         if not levels:
@@ -98,7 +101,8 @@ class Vectorizer:
         scale = small_left.shape[1] / _REFERENCE_WIDTH
         spacing = max(6, round(self._settings.match_spacing * scale))
         along = (segments + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
-        return to_full_size(match_pair(small_left, small_right, along, spacing), factor)
+        matches = match_pair(small_left, small_right, along, spacing, self._workspace)
+        return to_full_size(matches, factor)
 
 
 def _read_only(image: Image) -> Image:

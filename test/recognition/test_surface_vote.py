@@ -25,7 +25,7 @@ def surface_of(world: World) -> SurfacePoints:
 @pytest.mark.parametrize("heading", [0.0, 0.5, 1.0, 1.57, 2.2, 3.0])
 def test_the_pipe_is_among_the_hypotheses(heading: float, slope: float) -> None:
     world = World.with_pipe(heading=heading, slope=slope, aside=0.2)
-    found = vote_for_cylinders(surface_of(world), 0.3)
+    found = vote_for_cylinders(surface_of(world), 0.3, RIG.left.width)
     scores = [score for _, score in found]
     assert scores == sorted(scores, reverse=True)
     # A start for a fit that catches 10 cm and 3 degrees or more, within 0.5 m of the middle. A flat
@@ -41,16 +41,16 @@ def is_near(axis: Axis, world: World) -> bool:
 
 
 def test_a_thinner_pipe_gets_fewer_votes_than_one_of_the_radius() -> None:
-    right = vote_for_cylinders(surface_of(World.with_pipe()), 0.3)[0][1]
+    right = vote_for_cylinders(surface_of(World.with_pipe()), 0.3, RIG.left.width)[0][1]
     thin = World.with_pipe(radius=0.1, height=2.2)
-    votes = [score for _, score in vote_for_cylinders(surface_of(thin), 0.3)]
+    votes = [score for _, score in vote_for_cylinders(surface_of(thin), 0.3, RIG.left.width)]
     assert max(votes, default=0.0) < 0.8 * right
 
 
 def test_too_few_or_too_poor_points_give_no_hypothesis() -> None:
     surface = surface_of(World.with_pipe())
     few = surface.subset(np.arange(len(surface.points)) < 10)
-    assert vote_for_cylinders(few, 0.3) == []
+    assert vote_for_cylinders(few, 0.3, RIG.left.width) == []
     poor = SurfacePoints(
         surface.points,
         surface.rays,
@@ -58,11 +58,11 @@ def test_too_few_or_too_poor_points_give_no_hypothesis() -> None:
         surface.left_pixels,
         surface.right_pixels,
     )
-    assert vote_for_cylinders(poor, 0.3) == []
+    assert vote_for_cylinders(poor, 0.3, RIG.left.width) == []
 
 
 def test_no_more_hypotheses_than_asked_for_and_none_twice() -> None:
-    found = vote_for_cylinders(surface_of(World.with_pipe()), 0.3, most=3)
+    found = vote_for_cylinders(surface_of(World.with_pipe()), 0.3, RIG.left.width, most=3)
     assert len(found) <= 3
     for k, (axis, _) in enumerate(found):
         for other, _ in found[k + 1 :]:

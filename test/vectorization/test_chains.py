@@ -105,6 +105,7 @@ def trace(
         high,
         1.2,
         min_length,
+        np.empty(magnitude.size + 1, np.int32),
     )
 
 

@@ -24,12 +24,31 @@ def derivatives(seed: int, size: int = 400) -> tuple[NDArray[np.int16], NDArray[
     return dx, dy
 
 
+def magnitude_of(dx: NDArray[np.int16], dy: NDArray[np.int16]) -> NDArray[np.float32]:
+    # What was left in the arrays before must not matter.
+    magnitude = np.full(dx.shape, np.nan, np.float32)
+    gradient_magnitude(dx, dy, magnitude)
+    return magnitude
+
+
+def ridge_of(
+    dx: NDArray[np.int16],
+    dy: NDArray[np.int16],
+    magnitude: NDArray[np.float32],
+    low: float,
+    offset: NDArray[np.float32],
+) -> NDArray[np.uint8]:
+    ridge = np.full(dx.shape, 7, np.uint8)
+    suppress_non_maxima(dx, dy, magnitude, low, offset, ridge)
+    return ridge
+
+
 def test_the_magnitude_is_the_root_of_both_squares() -> None:
     dx, dy = derivatives(1)
     # The largest values that a Sobel operator gives; their squares do not fit into int16.
     dx[0, 0], dy[0, 0] = 1020, -1020
     expected = np.hypot(dx.astype(np.float64), dy.astype(np.float64))
-    magnitude = gradient_magnitude(dx, dy)
+    magnitude = magnitude_of(dx, dy)
     assert magnitude.dtype == np.float32
     assert np.allclose(magnitude, expected, rtol=1e-6)
 
@@ -71,10 +90,10 @@ def interpolated(image: NDArray[np.float32], x: float, y: float) -> float:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_suppression_agrees_with_a_slow_reference(seed: int) -> None:
     dx, dy = derivatives(seed)
-    magnitude = gradient_magnitude(dx, dy)
+    magnitude = magnitude_of(dx, dy)
     offset = np.full(magnitude.shape, 99.0, np.float32)
     low = 150.0
-    ridge = suppress_non_maxima(dx, dy, magnitude, low, offset)
+    ridge = ridge_of(dx, dy, magnitude, low, offset)
     height, width = magnitude.shape
     kept = 0
     for y in range(height):
@@ -106,7 +125,7 @@ def test_a_plateau_keeps_one_pixel() -> None:
     dx[:, 5:7] = 300
     dy = np.zeros_like(dx)
     offset = np.zeros(dx.shape, np.float32)
-    ridge = suppress_non_maxima(dx, dy, gradient_magnitude(dx, dy), 100.0, offset)
+    ridge = ridge_of(dx, dy, magnitude_of(dx, dy), 100.0, offset)
     assert ridge[4].sum() == 1
     # The edge lies between the two, wherever it is kept.
     x = int(np.argmax(ridge[4]))
