@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from pipeline_tracker.support import Support
 from pipeline_tracker.types import Contours
 
-# Measured on rendered seas: a pipe has 0.75 or more of the points of its face on it and a gain
-# over a plane of 0.9 or more, half buried or far away; a bed without a pipe 0.5 and nothing.
+# Measured on rendered seas, of the points on the face that are not covered: a pipe is better than a
+# plane by 0.6 and more each, overgrown, half buried or 4 m away, less what is seen through it; beds
+# with stones, ledges, cables and weed reach 0.25.
 FULL_GAIN = 1.2
-LEAST_GAIN = 0.5
-LEAST_FACE_SHARE = 0.7
-LEAST_CONTOUR_SHARE = 0.12
-COVERED_FACE_SHARE, COVERED_LEAST_GAIN, COVERED_MOST_PIERCED = 0.45, 0.8, 0.15
+LEAST_EXPOSED = 0.45
+LEAST_GAIN, LEAST_FACE_SHARE = 0.5, 0.7
+COVERED_FACE_SHARE, COVERED_POINTS = 0.25, 60
+LEAST_CONTOUR_SHARE, EXPOSED_CONTOUR_SHARE = 0.12, 0.05
 GOOD_CONTOUR_SHARE, GOOD_LEAST_GAIN, GOOD_LEAST_FACE_SHARE = 0.3, 0.2, 0.8
 CLEAR_CONTOUR_SHARE, CLEAR_LEAST_GAIN = 0.5, -0.1
 STRONG_GAIN, STRONG_FACE_SHARE = 1.0, 0.92
-_MANY_FACE_POINTS = 60
 # Where the face has no texture to match, the contours alone must speak.
 ALONE_CONTOUR_SHARE = 0.35
 # A contour that is supported along half of its length is all that can be hoped for in the sea.
@@ -37,7 +37,8 @@ def support_share(support: Support) -> float:
     contours = min(1.0, support.contour_share / FULL_CONTOUR_SHARE)
     if not support.face_points:
         return contours
-    surface = support.face_share * float(np.clip(support.face_gain / FULL_GAIN, 0.0, 1.0))
+    # Each point that lies on the face gains, where the face is well seen, FULL_GAIN over a plane.
+    surface = float(np.clip(support.face_gain / FULL_GAIN, 0.0, support.face_share))
     return 0.6 * surface + 0.4 * contours
 
 
@@ -48,15 +49,16 @@ def score(support: Support) -> float:
     return support_share(support) - 0.5 * support.pierced_share
 
 
-def refusal(support: Support, stereo: bool) -> str:
+def refusal(support: Support, stereo: bool, followed: bool = False) -> str:
     """Return why the pictures do not bear a pipe; empty where they do.
 
     Args:
         support: what was found for and against the axis.
         stereo: whether there are two images.
+        followed: whether a pipe was expected right here.
     """
     if support.face_points:
-        return _refused_by_surface(support)
+        return _refused_by_surface(support, followed)
     visible = support.visible
     if not support.contour_share >= ALONE_CONTOUR_SHARE:
         return "too_little_contour"
@@ -70,23 +72,23 @@ def refusal(support: Support, stereo: bool) -> str:
 def beyond_doubt(support: Support) -> bool:
     """Tell whether surface and contours agree so well that no other hypothesis can be better."""
     return (
-        support.face_points >= _MANY_FACE_POINTS
+        support.face_points >= COVERED_POINTS
         and support.face_share >= STRONG_FACE_SHARE
         and support.face_gain >= STRONG_GAIN
         and support.contour_share >= GOOD_CONTOUR_SHARE
     )
 
 
-def _refused_by_surface(support: Support) -> str:
+def _refused_by_surface(support: Support, followed: bool) -> str:
     gain, share = support.face_gain, support.face_share
-    shaped = share >= LEAST_FACE_SHARE and gain >= LEAST_GAIN
     # Silt or growth lies on a part of the face: what is left is a cylinder all the same, as long
     # as hardly anything is seen through it.
-    covered = (
+    exposed = (
         share >= COVERED_FACE_SHARE
-        and gain >= COVERED_LEAST_GAIN
-        and support.pierced_share <= COVERED_MOST_PIERCED
+        and share * support.face_points >= COVERED_POINTS
+        and gain / share - support.pierced_share >= LEAST_EXPOSED
     )
+    shaped = share >= LEAST_FACE_SHARE and gain >= LEAST_GAIN
     # A short baseline or a wide angle makes cylinder and plane alike within the noise; where the
     # contours are good, it is enough that the surface does not speak against them.
     clear = support.contour_share >= CLEAR_CONTOUR_SHARE
@@ -95,18 +97,15 @@ def _refused_by_surface(support: Support) -> str:
         and share >= GOOD_LEAST_FACE_SHARE
         and gain >= (CLEAR_LEAST_GAIN if clear else GOOD_LEAST_GAIN)
     )
-    if not (shaped or covered or fitting):
+    if not (exposed or shaped or fitting):
         return "surface_not_a_pipe"
-    return "" if support.contour_share >= _least_contour_share(support) else "too_little_contour"
-
-
-def _least_contour_share(support: Support) -> float:
-    """The better the surface is a cylinder's, the less need be seen of its contours."""
-    if support.face_points < _MANY_FACE_POINTS:
-        return LEAST_CONTOUR_SHARE
-    # Never nothing: a smooth hump of the bed is a cylinder too, but has no contours.
-    excess = (support.face_gain - LEAST_GAIN) / (STRONG_GAIN - LEAST_GAIN)
-    return LEAST_CONTOUR_SHARE * float(np.clip(1.0 - 0.5 * excess, 0.5, 1.0))
+    # A smooth hump of the bed is a cylinder too, but has no contours; where a pipe was followed to,
+    # it is the pipe.
+    least = EXPOSED_CONTOUR_SHARE if exposed else LEAST_CONTOUR_SHARE
+    if exposed and followed:
+        least = 0.0
+    # Written so that NaN is refused.
+    return "" if support.contour_share >= least else "too_little_contour"
 
 
 def too_uncertain(covariance: NDArray[np.float64], distance: float) -> bool:

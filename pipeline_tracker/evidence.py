@@ -23,11 +23,14 @@ ROUGHNESS = 0.003
 FACE_SHARE = 0.9
 # A patch that reaches over the contour holds bed too: so far from it, px at 1200 px width.
 _BORDER = 10.0
-# Patches on the fine grid overlap and err alike: two of them count as one.
-_POINT_WEIGHT = 0.5
+# Patches on the fine grid overlap and err alike: three of them count as two.
+_POINT_WEIGHT = 0.65
 # Only so much of the axis to each side of the middle is fitted, m: one bend describes no more of a
 # real pipe than that.
 SPAN = 1.75
+# Sections by which a covered stretch is told, m, their least points, and how far off a point still
+# lies on the pipe, in standard deviations.
+_SECTION, _SECTION_POINTS, _ON_FACE = 0.2, 8, 3.0
 # Standard deviation of a segment's place, px of an image 1200 px wide.
 EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
@@ -160,6 +163,31 @@ def point_sigmas(surface: SurfacePoints, axis: Axis) -> Array:
     # Seen along the surface, a point's error is one of place, not of depth; keep a little.
     sigmas: Array = np.hypot(surface.depth_sigmas * np.maximum(facing, 0.2), ROUGHNESS)
     return sigmas
+
+
+def exposed_points(
+    surface: SurfacePoints, camera: Camera, axis: Axis, radius: float
+) -> NDArray[np.bool_]:
+    """Tell which points are beside a section of the pipe that is not covered.
+
+    A section is covered (by silt, growth, a fish) where less than half of the points on its face
+    lie on the pipe.
+
+    Returns:
+        (N,) bool.
+    """
+    measured = rays_to_axis(surface.rays, camera, axis)
+    count = int(2.0 * SPAN / _SECTION) + 1
+    section = np.clip(((measured[:, 2] + SPAN) / _SECTION).astype(np.int64), 0, count - 1)
+    face = on_face(surface, camera, axis, radius)
+    part = surface.subset(face)
+    _, distance = distances_from_axis(part.points, axis)
+    on = np.abs(distance - radius) < _ON_FACE * point_sigmas(part, axis)
+    all_points = np.bincount(section[face], minlength=count)
+    on_points = np.bincount(section[face], weights=on, minlength=count)
+    covered = (all_points >= _SECTION_POINTS) & (on_points < 0.5 * all_points)
+    exposed: NDArray[np.bool_] = ~covered[section]
+    return exposed
 
 
 def contour_rays(

@@ -21,11 +21,11 @@ _UP = np.array([0.0, 0.0, 1.0])
 # What no residual shows: calibration, the shape of a real pipe, edges that are not its contour.
 # Standard deviations of left and up for each metre of distance, of heading and pitch in rad; added
 # to those of the fit.
-_MODEL_SIGMAS = np.array([0.00035, 0.0005, 0.002, 0.002])
+_MODEL_SIGMAS = np.array([0.00016, 0.00026, 0.001, 0.001])
 # What lies on a part of the face (silt, growth) lifts and tilts the fit: standard deviations for
 # each unit of the share that is missing.
 _WHOLE_FACE = 0.85
-_COVERED_SIGMAS = np.array([0.01, 0.04, 0.02, 0.04])
+_COVERED_SIGMAS = np.array([0.005, 0.02, 0.01, 0.02])
 
 
 def middle_of_view(axis: Axis, camera: Camera) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, fit_axis
-from pipeline_tracker.evidence import gather
+from pipeline_tracker.evidence import exposed_points, gather
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import VectorizedStereo
@@ -19,6 +19,7 @@ _WIDE = (24.0, 12.0, 6.0, 4.0)
 _NARROW = (6.0, 4.0, 4.0)
 # Segments that far from the predicted contour are looked at, px at 1200 px width.
 _FIRST_GATE, _LATER_GATE = 14.0, 5.0
+_COVER_ROUNDS = 3
 # Gate, robust widths, and whether only the surface is fitted.
 _ROUNDS = (
     (_FIRST_GATE, _WIDE, True),
@@ -70,7 +71,22 @@ def refine(
         if not _sane(axis, start, radius):
             return None
         axis = axis.moved(middle_of_view(axis, camera))
-    return None if fit is None else replace(fit, axis=axis)
+    if fit is None:
+        return None
+    # Where something lies on the pipe its surface is not the pipe's: fit to the rest alone.
+    for _ in range(_COVER_ROUNDS):
+        exposed = exposed_points(surface, camera, axis, radius)
+        if exposed.all():
+            break
+        evidence = gather(frame, surface.subset(exposed), axis, radius, _LATER_GATE)
+        if not _enough(evidence):
+            break
+        fit = fit_axis(axis, radius, evidence, vertical, prior, _NARROW)
+        axis = fit.axis
+        if not _sane(axis, start, radius):
+            return None
+        axis = axis.moved(middle_of_view(axis, camera))
+    return replace(fit, axis=axis)
 
 
 def _enough(evidence: Evidence) -> bool:

@@ -147,7 +147,7 @@ class RecognitionSettings(Section):
         "auto", "Technique of 4.2.4, 4 is the joint fit; auto: the best the picture allows"
     )
     min_support: float = _setting(
-        0.35, "Least share of the expected evidence for a pipe", ge=0, le=1
+        0.2, "Least share of the expected evidence for a pipe", ge=0, le=1
     )
     only: bool = _setting(False, "Every frame by itself, no tracking (the paper's Table 2)")
 
@@ -159,7 +159,7 @@ class TrackingSettings(Section):
         True, "Continue from the best candidate to a fit; false: the paper's discrete result"
     )
     min_support: float = _setting(
-        0.3, "Below this share of the expected evidence the frame is lost", ge=0, le=1
+        0.15, "Below this share of the expected evidence the frame is lost", ge=0, le=1
     )
     max_coast: float = _setting(
         2.0, "The pose alone carries a lost pipe over at most this way", unit="m", ge=0, le=100

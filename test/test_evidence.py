@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.evidence import (
     contour_rays,
     distances_from_axis,
+    exposed_points,
     gather,
     on_face,
     point_sigmas,
@@ -194,3 +196,20 @@ def test_evidence_is_gathered_from_both_images() -> None:
     # Points of a surface that tells nothing are no evidence.
     few = triangulate(frame.matches[::40], RIG)
     assert len(gather(frame, few, axis, 0.3, 5.0).points) == 0
+
+
+def test_what_lies_on_the_pipe_covers_its_section_and_no_other() -> None:
+    world = World.with_pipe()
+    assert world.pipe is not None
+    axis = abreast(world.pipe)
+    surface = triangulate(Diver(world, look=EXACT).frame(level_pose()).matches, RIG)
+    assert exposed_points(surface, LEFT, axis, 0.3).all()
+    along = (surface.points - axis.point) @ axis.direction
+    face = on_face(surface, LEFT, axis, 0.3)
+    # A heap of 3 cm on the pipe over 0.6 m.
+    heap = face & (along > 0.4) & (along < 1.0)
+    lifted = surface.points - 0.03 * heap[:, None] * surface.rays
+    covered = replace(surface, points=lifted)
+    exposed = exposed_points(covered, LEFT, axis, 0.3)
+    assert not exposed[heap & (along > 0.6) & (along < 0.8)].any()
+    assert exposed[(along < 0.15) | (along > 1.25)].all()

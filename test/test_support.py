@@ -247,6 +247,21 @@ def test_each_refusal_has_its_word() -> None:
     assert refusal(by_hand(none, 50, 0.95, 0.0, 2.0), stereo=True) == "too_little_contour"
 
 
+def test_what_is_left_of_a_covered_face_is_judged_by_itself() -> None:
+    faint = (0.06, 0.06, 0.06, 0.06)
+    # Half of the face is under silt; the rest is clearly a cylinder.
+    assert refusal(by_hand(faint, 400, 0.5, 0.0, 0.5), stereo=True) == ""
+    # Through a pipe nothing is seen.
+    assert refusal(by_hand(faint, 400, 0.5, 0.6, 0.5), stereo=True) == "surface_not_a_pipe"
+    # What is left is no better a cylinder than a plane, or is too little to tell.
+    assert refusal(by_hand(faint, 400, 0.5, 0.0, 0.1), stereo=True) == "surface_not_a_pipe"
+    assert refusal(by_hand(faint, 60, 0.5, 0.0, 0.5), stereo=True) == "surface_not_a_pipe"
+    # Without contours it may be a hump, unless a pipe was followed to it.
+    none = (0.0, 0.0, 0.0, 0.0)
+    assert refusal(by_hand(none, 400, 0.5, 0.0, 0.5), stereo=True) == "too_little_contour"
+    assert refusal(by_hand(none, 400, 0.5, 0.0, 0.5), stereo=True, followed=True) == ""
+
+
 def test_numbers_that_are_none_are_refused() -> None:
     nan = float("nan")
     assert refusal(by_hand((0.9,) * 4, 50, nan, 0.0, 2.0), stereo=True) != ""

@@ -220,7 +220,7 @@ class Tracker:
             found = _Found(fit.axis, published_covariance(fit, support), support)
             if best is None or score(support) > score(best.support):
                 best = found
-            refused = refusal(support, frame.rig.right is not None)
+            refused = refusal(support, frame.rig.right is not None, followed=True)
             if too_uncertain(found.covariance, float(np.linalg.norm(fit.axis.point))):
                 refused = refused or "too_uncertain"
             if not refused and self._bears(found):
