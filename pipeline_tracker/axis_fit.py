@@ -18,7 +18,6 @@ Array = NDArray[np.float64]
 _PARAMETERS = 6
 # Robust width, in standard deviations: from wide to narrow, so that a start 10 cm off is caught.
 _ANNEALING = (24.0, 12.0, 6.0, 4.0, 4.0, 4.0)
-_STEPS = (1e-5, 1e-5, 1e-6, 1e-6, 1e-6, 1e-6)
 # Standard deviation that the prior gives to the bend, 1/m: radii of 20 m are bends, not noise.
 BEND_SIGMA = 0.03
 
@@ -199,8 +198,22 @@ def _residuals(
     sides: Array,
     ray_sigmas: Array,
     out: Array,
+    jacobian: Array,
 ) -> None:
-    """Fill residuals in standard deviations: surface points first, then contour rays."""
+    """Fill residuals in standard deviations, surface points first, and their derivatives.
+
+    A residual is a distance between a place of the axis and a point or a ray. To first order it
+    changes by the axis' own shift there along the line that joins them: which place is nearest does
+    not matter.
+
+    Args:
+        parameters: (6,).
+        frame: rows p, d, left, up, bend of the start.
+        radius: m.
+        points, point_sigmas, rays, origins, sides, ray_sigmas: see ``Evidence``.
+        out: (N + M,), filled.
+        jacobian: (6, N + M), filled.
+    """
     x = np.empty(3)
     d = np.empty(3)
     n = points.shape[0]
@@ -214,11 +227,18 @@ def _residuals(
         _curve(parameters, frame, t, x, d)
         along = 0.0
         square = 0.0
+        left = 0.0
+        up = 0.0
         for k in range(3):
             v = points[i, k] - x[k]
             along += v * d[k]
             square += v * v
-        out[i] = (np.sqrt(max(0.0, square - along * along)) - radius) / point_sigmas[i]
+            left += v * frame[2, k]
+            up += v * frame[3, k]
+        distance = max(1e-9, np.sqrt(max(0.0, square - along * along)))
+        out[i] = (distance - radius) / point_sigmas[i]
+        scale = -1.0 / (distance * point_sigmas[i])
+        _shifts(jacobian, i, scale * left, scale * up, t)
     for j in range(rays.shape[0]):
         t = 0.0
         depth = 0.0
@@ -244,7 +264,28 @@ def _residuals(
         aside = (
             (x[0] - origins[j, 0]) * mx + (x[1] - origins[j, 1]) * my + (x[2] - origins[j, 2]) * mz
         ) / norm
-        out[n + j] = (-sides[j] * aside - radius) / (max(depth, 0.1) * ray_sigmas[j])
+        reach = max(depth, 0.1) * ray_sigmas[j]
+        out[n + j] = (-sides[j] * aside - radius) / reach
+        scale = -sides[j] / (norm * reach)
+        left = scale * (mx * frame[2, 0] + my * frame[2, 1] + mz * frame[2, 2])
+        up = scale * (mx * frame[3, 0] + my * frame[3, 1] + mz * frame[3, 2])
+        # Farther away, the same distance is fewer standard deviations.
+        farther = out[n + j] / (max(depth, 0.1) * max(1e-9, norm * norm))
+        for k in range(3):
+            left -= farther * rays[j, k] * frame[2, k]
+            up -= farther * rays[j, k] * frame[3, k]
+        _shifts(jacobian, n + j, left, up, t)
+
+
+@compiled
+def _shifts(jacobian: Array, i: int, left: float, up: float, t: float) -> None:
+    """Fill column i: what a shift to the left and up, growing with t or t², does to a residual."""
+    jacobian[0, i] = left
+    jacobian[1, i] = up
+    jacobian[2, i] = t * left
+    jacobian[3, i] = t * up
+    jacobian[4, i] = 0.5 * t * t * left
+    jacobian[5, i] = 0.5 * t * t * up
 
 
 @compiled
@@ -303,7 +344,6 @@ def fit_axis(
     points = evidence.points.shape[0]
     parameters = np.zeros(_PARAMETERS)
     residuals = np.empty(size)
-    shifted = np.empty(size)
     jacobian = np.empty((_PARAMETERS, size))
     weights = np.zeros(size)
     scale = np.ones(size)
@@ -321,12 +361,7 @@ def fit_axis(
     hessian = information.copy()
     noise = 1.0
     for width in widths:
-        _residuals(parameters, *arguments, residuals)
-        for a in range(_PARAMETERS):
-            moved = parameters.copy()
-            moved[a] += _STEPS[a]
-            _residuals(moved, *arguments, shifted)
-            jacobian[a] = (shifted - residuals) / _STEPS[a]
+        _residuals(parameters, *arguments, residuals, jacobian)
         scale[:points] = noise
         weights = _tukey(residuals / scale, width)
         hessian = information.copy()

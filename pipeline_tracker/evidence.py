@@ -5,6 +5,8 @@ Left optical frame throughout. "Face" is the part of the pipe's surface that the
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,8 @@ SPAN = 1.75
 # Sections by which a covered stretch is told, m, their least points, and how far off a point still
 # lies on the pipe, in standard deviations.
 _SECTION, _SECTION_POINTS, _ON_FACE = 0.2, 8, 3.0
+# How far a rough axis may be from the fit, m, and how far from it segments are looked at, px.
+_REACH, _REACH_PIXELS = 0.25, 20.0
 # Standard deviation of a segment's place, px of an image 1200 px wide.
 EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
@@ -163,6 +167,33 @@ def point_sigmas(surface: SurfacePoints, axis: Axis) -> Array:
     # Seen along the surface, a point's error is one of place, not of depth; keep a little.
     sigmas: Array = np.hypot(surface.depth_sigmas * np.maximum(facing, 0.2), ROUGHNESS)
     return sigmas
+
+
+def nearby(
+    frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: float
+) -> tuple[VectorizedStereo, SurfacePoints]:
+    """Leave out what cannot become evidence for an axis that a fit may reach from a rough one.
+
+    Args:
+        frame: the vectorized pair.
+        surface: its triangulated matches.
+        axis: the rough axis, good to ``_REACH``.
+        radius: m.
+    """
+    segments = []
+    for view, found in zip(
+        frame.rig.cameras, (frame.left_segments, frame.right_segments), strict=False
+    ):
+        rays = unit_rays(found.astype(np.float64).reshape(-1, 2), view)
+        measured = rays_to_axis(rays, view, axis)
+        reach = _REACH + _REACH_PIXELS * _scale(view) * np.abs(measured[:, 1]) / view.fx
+        near = np.abs(np.abs(measured[:, 0]) - radius) < reach
+        segments.append(found[near[0::2] & near[1::2]])
+    measured = rays_to_axis(surface.rays, frame.rig.left, axis)
+    near = (np.abs(measured[:, 0]) < radius + _REACH) & (np.abs(measured[:, 2]) < SPAN + _REACH)
+    right = segments[1] if len(segments) > 1 else frame.right_segments
+    part = replace(frame, left_segments=segments[0], right_segments=right)
+    return part, surface.subset(near)
 
 
 def exposed_points(

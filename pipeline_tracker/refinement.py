@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, fit_axis
-from pipeline_tracker.evidence import exposed_points, gather
+from pipeline_tracker.evidence import exposed_points, gather, nearby
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import VectorizedStereo
@@ -58,6 +58,7 @@ def refine(
     """
     camera = frame.rig.left
     axis = start.moved(middle_of_view(start, camera))
+    frame, surface = nearby(frame, surface, axis, radius)
     fit: AxisFit | None = None
     for gate, widths, surface_only in _ROUNDS:
         near = min(gate, _LATER_GATE) if by_contours else gate

@@ -39,8 +39,8 @@ REACH = 6.0
 _PIECES = 8
 _WIDTH = 4.0
 _FULL_COST = _WIDTH * _WIDTH / 6.0
-# Planes through three points that are tried before a fit.
-_TRIPLES = 64
+# Planes through three points that are tried before a fit, and points that judge them.
+_TRIPLES, _JURY = 64, 100
 
 BITS = (
     (Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT),
@@ -236,8 +236,9 @@ def _plane_through_most(points: Array, sigmas: Array) -> tuple[Array, Array]:
     if not usable.any():
         return points.mean(axis=0), np.array([0.0, 0.0, 1.0])
     normals = normals[usable] / lengths[usable, None]
-    heights = points @ normals.T - np.einsum("ij,ij->i", triples[usable, 0], normals)
-    best = int(np.argmin(_cost(heights / sigmas[:, None]).sum(axis=0)))
+    some = np.arange(0, len(points), max(1, len(points) // _JURY))
+    heights = points[some] @ normals.T - np.einsum("ij,ij->i", triples[usable, 0], normals)
+    best = int(np.argmin(_cost(heights / sigmas[some, None]).sum(axis=0)))
     return triples[usable][best, 0], normals[best]
 
 
@@ -270,13 +271,26 @@ def seen_lines(support: Support) -> tuple[Contours, Float32Array]:
     """Return which contours are seen and their lines in the images, in bit order.
 
     Returns:
-        The bits, and (K, 4) float32 x1 y1 x2 y2, px: the straight line through the ends of the
+        The bits, and (K, 4) float32 x1 y1 x2 y2, px: the straight line that is nearest to the
         contour in view, one row for each bit set.
     """
     bits = support.visible
-    rows = [
-        np.concatenate((contour.pieces[0, :2], contour.pieces[-1, 2:]))
-        for contour in support.contours
-        if contour.bit & bits
-    ]
+    rows = [_nearest_line(contour.pieces) for contour in support.contours if contour.bit & bits]
     return bits, np.array(rows, np.float32).reshape(-1, 4)
+
+
+def _nearest_line(pieces: Array) -> Array:
+    """Return the straight line (4,) nearest to a broken one, (K, 4), as long as it."""
+    ends = np.concatenate((pieces[0, :2], pieces[-1, 2:]))
+    if len(pieces) == 1:
+        return ends
+    starts, ways = pieces[:, :2], pieces[:, 2:] - pieces[:, :2]
+    shares = (np.arange(5) + 0.5) / 5.0
+    points = (starts[:, None] + shares[:, None] * ways[:, None]).reshape(-1, 2)
+    weights = np.repeat(np.linalg.norm(ways, axis=1), len(shares))
+    # By the coordinate along which it runs, so that it ends where the contour leaves the picture.
+    along = int(abs(ends[3] - ends[1]) > abs(ends[2] - ends[0]))
+    slope, level = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(weights))
+    line = ends.copy()
+    line[1 - along], line[3 - along] = slope * ends[along] + level, slope * ends[2 + along] + level
+    return line

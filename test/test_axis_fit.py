@@ -447,8 +447,19 @@ def test_residuals_agree_with_a_slow_reference() -> None:
     rays = rays + random.normal(0.0, 0.02, rays.shape)
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     sigmas, ray_sigmas = random.uniform(0.004, 0.01, 15), random.uniform(5e-4, 1e-3, len(rays))
-    out = np.empty(15 + len(rays))
-    _residuals(values, frame, 0.3, points, sigmas, rays, origins, sides, ray_sigmas, out)
+    out, jacobian = np.empty(15 + len(rays)), np.empty((6, 15 + len(rays)))
+    evidence = (frame, 0.3, points, sigmas, rays, origins, sides, ray_sigmas)
+    _residuals(values, *evidence, out, jacobian)
+    # Derivatives by differences: of rays within what a change of their depth does.
+    shifted, unused = np.empty_like(out), np.empty_like(jacobian)
+    for a in range(6):
+        moved = values.copy()
+        moved[a] += 1e-6
+        _residuals(moved, *evidence, shifted, unused)
+        by_differences = (shifted - out) / 1e-6
+        assert jacobian[a, :15] == pytest.approx(by_differences[:15], rel=1e-2, abs=0.3)
+        scale = np.abs(by_differences[15:]).max()
+        assert jacobian[a, 15:] == pytest.approx(by_differences[15:], abs=0.05 * scale)
 
     t = np.linspace(-3.0, 3.0, 60_001)[:, None]
     begin = start.point + values[0] * left + values[1] * up

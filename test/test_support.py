@@ -141,6 +141,26 @@ def test_seen_lines_run_along_the_contours_in_bit_order() -> None:
         assert np.hypot(*(row[2:] - row[:2])) > 400.0
 
 
+def test_the_line_of_a_bent_contour_is_the_nearest_one() -> None:
+    diver, axis = scene(curvature=0.05, heading=0.3)
+    support = Support(contour_support(diver.frame(level_pose()), axis, 0.3), 0, 0.0, 0.0, 0.0)
+    _, lines = seen_lines(support)
+    shown = [contour for contour in support.contours if contour.bit & support.visible]
+    for row, contour in zip(lines.astype(np.float64), shown, strict=True):
+        ends = np.concatenate((contour.pieces[0, :2], contour.pieces[-1, 2:]))
+        assert mean_distance(contour.pieces, row) < 0.7 * mean_distance(contour.pieces, ends)
+        # As long as the contour.
+        assert np.abs(row - ends).max() < 30.0
+        assert np.isclose(row, ends, atol=1e-3).sum() >= 2
+
+
+def mean_distance(pieces: Array, line: Array) -> float:
+    way = line[2:] - line[:2]
+    normal = np.array([-way[1], way[0]]) / np.linalg.norm(way)
+    middles = 0.5 * (pieces[:, :2] + pieces[:, 2:])
+    return float(np.mean(np.abs((middles - line[:2]) @ normal)))
+
+
 def test_mono_has_two_contours_and_what_is_out_of_view_none() -> None:
     diver, axis = scene(rig=MONO)
     assert tuple(contours_of(diver, axis)) == ALL[:2]

@@ -149,12 +149,18 @@ def technique1(
     z = z / np.linalg.norm(z)
     x = np.cross(y, z)
     plane = np.stack((points @ x, points @ z), axis=1)
-    # The points' mean moved by r away from the camera: there is a second minimum on its side.
+    # The points' mean moved by r away from the camera, or squarely off the plane through them:
+    # there is a second minimum on the camera's side, and either start may fall into it.
     mean = np.median(points, axis=0)
     away = mean - y * float(mean @ y)
     away = away / np.linalg.norm(away)
-    start_point = mean + radius * away
-    centre = np.array([start_point @ x, start_point @ z])
+    middle, across = np.array([mean @ x, mean @ z]), np.array([away @ x, away @ z])
+    _, vectors = np.linalg.eigh(np.cov(plane.T))
+    square = vectors[:, 0] * (1.0 if float(vectors[:, 0] @ across) >= 0 else -1.0)
+    # And the circle of any radius through them, which is linear in its unknowns.
+    design = np.column_stack((2.0 * plane, np.ones(len(plane))))
+    circle = np.linalg.lstsq(design, np.square(plane).sum(axis=1), rcond=None)[0][:2]
+    starts = [circle, middle + radius * across, middle + radius * square]
 
     def residual(place: Array) -> Array:
         away_from = np.hypot(plane[:, 0] - place[0], plane[:, 1] - place[1])
@@ -162,8 +168,15 @@ def technique1(
         return distance
 
     # From wide to narrow: a narrow fit from so rough a start often ends in that second minimum.
-    for width in (20.0, 6.0, 2.0):
-        centre = least_squares(residual, centre, loss="cauchy", f_scale=width).x
+    best = np.inf
+    centre = starts[0]
+    for start in starts:
+        place = start
+        for width in (20.0, 6.0, 2.0):
+            fit = least_squares(residual, place, loss="cauchy", f_scale=width)
+            place = fit.x
+        if float(fit.cost) < best:
+            best, centre = float(fit.cost), place
     along = float(np.median(points @ y))
     return Axis.straight(centre[0] * x + centre[1] * z + along * y, y)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -231,15 +232,15 @@ class Tracker:
     def _bears(self, found: _Found) -> bool:
         return support_share(found.support) >= self._settings.tracking.min_support
 
-    def _starts(self, frame: VectorizedStereo, predicted: Track, vertical: Array) -> list[Axis]:
-        """The prediction and the winner of the vote, the more promising one first."""
+    def _starts(self, frame: VectorizedStereo, predicted: Track, vertical: Array) -> Iterator[Axis]:
+        """Yield the prediction; should it fail, the winner of the vote where that has more."""
         axis = predicted.axis
+        yield axis
         winner, votes = best_candidate(
             frame, axis.point, axis.direction, self._settings.radius, vertical
         )
         if votes > _BETTER_VOTE * float(vote(frame, [axis], self._settings.radius)[0]):
-            return [axis, winner]
-        return [axis]
+            yield winner
 
     def _discrete(
         self, frame: VectorizedStereo, surface: SurfacePoints, predicted: Track, vertical: Array
