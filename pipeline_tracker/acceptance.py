@@ -26,7 +26,7 @@ FULL_CONTOUR_SHARE = 0.5
 
 # What an autopilot may steer by: standard deviations of left and up for each metre of distance, and
 # at least; of heading and pitch.
-_OFFSET_PER_METRE, _LEAST_OFFSET, _ANGLE = 0.0125, 0.025, 0.026
+_OFFSET_PER_METRE, _LEAST_OFFSET, _ANGLE = 0.0125, 0.025, 0.033
 
 _LEFT_PAIR = Contours.LEFT_IMAGE_LEFT | Contours.LEFT_IMAGE_RIGHT
 _RIGHT_PAIR = Contours.RIGHT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT

@@ -5,7 +5,7 @@ A number of this module is a share of what was to be expected, so that frames ca
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +17,7 @@ from pipeline_tracker.evidence import (
     distances_from_axis,
     on_face,
     point_sigmas,
+    rays_to_axis,
 )
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.cylinder import clip_line_to_view, visible_generatrices
@@ -38,6 +39,11 @@ _BORDER = 0.5
 REACH = 6.0
 _PIECES = 8
 _WIDTH = 4.0
+# A surface at another scale than the contours: shares of its points on the pipe before and after
+# it is scaled, its gain, the scales looked at, and the least share of each contour.
+_OTHER_SCALE_SHARE, _OTHER_SCALE_GAIN = 0.3, -0.1
+_SCALES = (0.65, 1.55)
+_CLEAR_SHARE = 0.35
 _FULL_COST = _WIDTH * _WIDTH / 6.0
 # Planes through three points that are tried before a fit, and points that judge them.
 _TRIPLES, _JURY = 64, 100
@@ -253,8 +259,52 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     """
     contours = contour_support(frame, axis, radius)
     face = surface.subset(on_face(surface, frame.rig.left, axis, radius))
+    alone = Support(contours, 0, 0.0, 0.0, 0.0)
     if not face.tells_shape(radius):
-        return Support(contours, 0, 0.0, 0.0, 0.0)
+        return alone
+    plane = _plane_cost(face.points, face.depth_sigmas, face.rays)
+    support = _face_support(contours, face, axis, radius, plane)
+    if support.face_share < _OTHER_SCALE_SHARE and _all_clear(contours):
+        # Four clear contours, and a surface of the right shape at another distance: diameter and
+        # baseline do not go together. Then the surface tells nothing of this pipe's depth.
+        scale = depth_ratio(face, frame.rig.left, axis, radius)
+        if _SCALES[0] < scale < _SCALES[1]:
+            scaled = replace(
+                face, points=face.points / scale, depth_sigmas=face.depth_sigmas / scale
+            )
+            same = _face_support(contours, scaled, axis, radius, plane)
+            if same.face_share >= 1.0 - _OTHER_SCALE_SHARE and same.face_gain >= _OTHER_SCALE_GAIN:
+                return alone
+    return support
+
+
+def depth_ratio(face: SurfacePoints, camera: Camera, axis: Axis, radius: float) -> float:
+    """Return how far the points of a face are by stereo over how far the axis says, the median.
+
+    Args:
+        face: points on the pipe's face, N >= 1.
+        camera: the left camera.
+        axis: the axis, left optical frame.
+        radius: m.
+    """
+    measured = rays_to_axis(face.rays, camera, axis)
+    rise = np.sqrt(np.maximum(radius**2 - np.square(measured[:, 0]), 0.0))
+    slant = np.sqrt(np.maximum(1.0 - np.square(face.rays @ axis.direction), 0.05))
+    expected = np.maximum(measured[:, 1] - rise / slant, 0.05)
+    return float(np.median(np.linalg.norm(face.points, axis=1) / expected))
+
+
+def _all_clear(contours: tuple[ContourSupport, ...]) -> bool:
+    return len(contours) == 4 and min(c.share for c in contours) >= _CLEAR_SHARE
+
+
+def _face_support(
+    contours: tuple[ContourSupport, ...],
+    face: SurfacePoints,
+    axis: Axis,
+    radius: float,
+    plane: Array,
+) -> Support:
     _, distance = distances_from_axis(face.points, axis)
     residuals = (distance - radius) / point_sigmas(face, axis)
     on = float(np.mean(np.abs(residuals) < _WIDTH))
@@ -263,7 +313,7 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     depth = np.linalg.norm(face.points, axis=1)
     near = np.einsum("ij,ij->i", axis.point - face.points, face.rays) < 0
     behind |= (residuals > _WIDTH) & near & (depth > np.linalg.norm(axis.point))
-    gain = float(np.mean(_plane_cost(face.points, face.depth_sigmas, face.rays) - _cost(residuals)))
+    gain = float(np.mean(plane - _cost(residuals)))
     return Support(contours, len(face.points), on, float(np.mean(behind)), gain)
 
 

@@ -13,6 +13,7 @@ from synthetic_world import DOWN, EXACT, LEFT, MONO, RIG, Bed, Diver, Look, Pipe
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
+from pipeline_tracker.evidence import on_face
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.support import (
     ContourSupport,
@@ -20,6 +21,7 @@ from pipeline_tracker.support import (
     _plane_cost,
     contour_pieces,
     contour_support,
+    depth_ratio,
     judge,
     seen_lines,
 )
@@ -325,3 +327,22 @@ def test_mismatches_do_not_make_a_plane_worse() -> None:
     cost = _plane_cost(flat, np.full(300, 0.01), rays)
     assert np.mean(cost[15:]) < 0.6
     assert (cost[:15] > 2.0).mean() > 0.8
+
+
+def test_a_surface_at_another_scale_leaves_clear_contours_alone() -> None:
+    diver, axis = scene()
+    frame = diver.frame(level_pose())
+    surface = triangulate(frame.matches, frame.rig)
+    face = surface.subset(on_face(surface, LEFT, axis, 0.3))
+    assert depth_ratio(face, LEFT, axis, 0.3) == pytest.approx(1.0, abs=0.005)
+    # As a baseline that is a fifth too long gives it.
+    longer = replace(surface, points=1.2 * surface.points)
+    assert depth_ratio(replace(face, points=1.2 * face.points), LEFT, axis, 0.3) == pytest.approx(
+        1.2, abs=0.006
+    )
+    alone = judge(frame, longer, axis, 0.3)
+    assert alone.face_points == 0
+    assert refusal(alone, stereo=True) == ""
+    # Not where the contours are faint: then it speaks against the axis.
+    faint = replace(frame, left_segments=frame.left_segments[:0])
+    assert judge(faint, longer, axis, 0.3).face_points > 0

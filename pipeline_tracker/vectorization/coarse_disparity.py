@@ -1,4 +1,4 @@
-"""Disparities at a quarter of the size, everywhere, and where to look closer.
+"""Disparities at a fraction of the size, everywhere, and where to look closer.
 
 Points are chosen by what stands out of the bed in this pair alone, without any prediction: a pair
 gives the same points whatever came before.
@@ -15,8 +15,8 @@ Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
 Array = NDArray[np.float64]
 
-# Side of a pixel of the coarse pictures, px.
-COARSE = 4
+# The coarse picture is at most this wide, px; in a smaller one a block holds too much at once.
+_WIDEST = 400
 # Disparities are sought up to this share of the width: at 65 degrees of view down to about three
 # baselines away.
 LARGEST_DISPARITY = 0.25
@@ -25,6 +25,11 @@ _BLOCK, _FRACTIONS = 9, 16.0
 _FINER, _RAISED_SHARE = 3, 0.3
 # Heights are averaged over so many coarse pixels.
 _SMOOTH = 7
+
+
+def coarse_side(width: int) -> int:
+    """Return the side of a coarse pixel, px: 2 or 4, for an image of a width, px."""
+    return 2 if width <= 2 * _WIDEST else 4
 
 
 def coarse_disparities(left: Image, right: Image) -> Float32Array:
@@ -76,8 +81,9 @@ def chosen_points(disparities: Float32Array, width: int, height: int, spacing: i
     """
     fine = grid_points(width, height, spacing)
     raised = _heights(disparities)
-    rows = np.minimum(fine[:, 1] // COARSE, disparities.shape[0] - 1)
-    columns = np.minimum(fine[:, 0] // COARSE, disparities.shape[1] - 1)
+    side = coarse_side(width)
+    rows = np.minimum(fine[:, 1] // side, disparities.shape[0] - 1)
+    columns = np.minimum(fine[:, 0] // side, disparities.shape[1] - 1)
     sparse = np.zeros(len(fine), bool)
     xs, ys = np.unique(fine[:, 0]), np.unique(fine[:, 1])
     sparse |= np.isin(fine[:, 0], xs[1::_FINER]) & np.isin(fine[:, 1], ys[1::_FINER])

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pictures import stereo_pair
 
 from pipeline_tracker.vectorization.coarse_disparity import (
-    COARSE,
     chosen_points,
     coarse_disparities,
+    coarse_side,
     grid_points,
 )
 from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
@@ -201,14 +201,16 @@ def test_points_are_dense_where_the_surface_stands_out() -> None:
     ys, xs = np.mgrid[0:100, 0:150].astype(np.float32)
     bed = np.float32(12.0) + np.float32(0.01) * xs - np.float32(0.02) * ys
     bump = (np.abs(xs - 90) < 12).astype(np.float32)
-    points = chosen_points(bed + 3 * bump, 600, 400, 14)
-    raised = np.abs(points[:, 0] / COARSE - 90) < 12
+    assert coarse_side(600) == 2
+    assert coarse_side(1200) == 4
+    points = chosen_points(bed + 3 * bump, 300, 200, 7)
+    raised = np.abs(points[:, 0] / 2 - 90) < 12
     area = 24.0 / 150.0
-    fine = len(grid_points(600, 400, 14))
+    fine = len(grid_points(300, 200, 7))
     assert raised.sum() > 0.9 * area * fine
     assert (~raised).sum() < 0.35 * fine
     # The grid is fixed: no point lies between its nodes.
-    nodes = {tuple(p) for p in grid_points(600, 400, 14).tolist()}
+    nodes = {tuple(p) for p in grid_points(300, 200, 7).tolist()}
     assert {tuple(p) for p in points.tolist()} <= nodes
 
 
@@ -220,3 +222,12 @@ def test_without_disparities_the_sparse_grid_is_left() -> None:
     nearly = nothing.copy()
     nearly[50, 50] = 3.0
     assert len(chosen_points(nearly, 600, 400, 14)) == len(points)
+
+
+def test_matches_by_chance_are_none() -> None:
+    # Rows three pixels off: some patches match all the same, at any disparity.
+    left, right = stereo_pair(25.4)
+    shifted = np.roll(right, 5, axis=0)
+    segments = np.zeros((0, 4), np.float32)
+    assert len(match_pair(left, right, segments, 6)) > 200
+    assert len(match_pair(left, shifted, segments, 6)) == 0
