@@ -223,6 +223,42 @@ def benchmark(
     return partial(_benchmark, manifest, target, number, scheduler, force=force)
 
 
+@app.command()
+def bench(
+    json_file: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
+    ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Measure live nodes over DDS too.")] = False,
+    images: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--images", metavar="BAG", help="Bag to measure with; by default the demo."),
+    ] = None,
+    settings: _Set = None,
+    sizes: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--sizes", metavar="WxH,...", help="Sizes to resize the images to."),
+    ] = None,
+    repeat: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--repeat", metavar="N", help="Rounds; 30, 10 above 2 million pixels."),
+    ] = None,
+    frames: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--frames", metavar="N", help="Watch the memory over N tracked pairs."),
+    ] = None,
+    plots: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--plots", metavar="DIR", help="Measure growth; draw it and a flame graph."),
+    ] = None,
+) -> Task:
+    """Measure speed: every step side by side with stock methods, on one core."""
+    rounds = None if repeat is None else int(_number("--repeat", repeat, int))
+    pairs = None if frames is None else int(_number("--frames", frames, int))
+    given = {"repeat": rounds, "frames": pairs, "live": live, "images": images, "plots": plots}
+    return partial(_bench, json_file, sizes, tuple(settings or ()), given)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     sys.exit(run_command(sys.argv[1:] if arguments is None else arguments))
@@ -382,6 +418,17 @@ def _benchmark(
             INTERRUPTED,
         )
     return DONE if outcome.whole else SOME_FAILED
+
+
+def _bench(
+    json_file: Path | None, sizes: str | None, overrides: tuple[str, ...], given: dict[str, Any]
+) -> int:
+    from pipeline_tracker.bench import BenchOptions, bench_command
+    from pipeline_tracker.bench.options import SIZES, parse_sizes
+
+    chosen = SIZES if sizes is None else parse_sizes(sizes)
+    bench_command(BenchOptions(settings=overrides, sizes=chosen, **given), json_file)
+    return DONE
 
 
 if __name__ == "__main__":

@@ -29,3 +29,7 @@ class EvaluationError(PipelineTrackerError):
 
 class ManifestError(PipelineTrackerError):
     """A benchmark's manifest is wrong, or its directory cannot be used."""
+
+
+class BenchError(PipelineTrackerError):
+    """Speed cannot be measured as asked."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline_tracker.errors import PipelineTrackerError
 
 _PACKAGE = Path(__file__).parent
+_DEMO = Path("bags") / "demo"
 
 
 class ResourceError(PipelineTrackerError):
@@ -33,6 +34,27 @@ def message_directory() -> Path:
         ResourceError: the installation is not whole.
     """
     return _directory("msg", "pipeline_tracker_msgs/msg", "share/pipeline_tracker_msgs/msg")
+
+
+def demo_bag() -> Path:
+    """Return ``bags/demo`` of the source tree, or of the working directory.
+
+    A wheel does not carry it.
+
+    Raises:
+        ResourceError: it is in neither.
+    """
+    tree = Path(__file__).resolve().parents[1]
+    looked = [Path.cwd() / _DEMO]
+    if (tree / "pyproject.toml").is_file():
+        looked.insert(0, tree / _DEMO)
+    for place in looked:
+        if place.is_dir():
+            return place
+    raise ResourceError(
+        f"the demo bag is not installed (looked for {', '.join(map(str, looked))}); name a bag "
+        "with --images, or work in a clone of pipeline_tracker"
+    )
 
 
 def config_path(name: str) -> Path:

@@ -13,8 +13,12 @@ from pipeline_tracker.evaluation.schema import evaluation_schema
 
 def schema_tables() -> str:
     """Return Markdown: a table for each object of ``evaluation.json``, the whole first."""
-    schema = evaluation_schema()
-    objects = {"Evaluation": schema, **schema["$defs"]}
+    return tables_of(evaluation_schema())
+
+
+def tables_of(schema: dict[str, Any]) -> str:
+    """Return a JSON Schema as Markdown: a table for each object, the whole first."""
+    objects = {schema["title"]: schema, **schema["$defs"]}
     return "\n".join(_table(name, part) for name, part in objects.items())
 
 
