@@ -42,6 +42,8 @@ _FORWARD = np.array([1.0, 0.0, 0.0])
 _SECOND_NS = 1e9
 # Covariance of the paper's discrete result: half a step of its grid and of its thresholds.
 _DISCRETE_SIGMAS = np.array([0.02, 0.05, 0.01, 0.02])
+# Without a fit that asks the surface, a candidate needs so much support.
+_DISCRETE_SUPPORT = 0.3
 # The vote's winner is tried first where it has that much more than the prediction.
 _BETTER_VOTE = 1.15
 
@@ -210,7 +212,8 @@ class Tracker:
         surface = triangulate(frame.matches, frame.rig)
         if not self._settings.tracking.refine:
             found = self._discrete(frame, surface, predicted, vertical)
-            return (found, "") if self._bears(found) else (None, "too_little_contour")
+            bears = self._bears(found) and support_share(found.support) >= _DISCRETE_SUPPORT
+            return (found, "") if bears else (None, "too_little_contour")
         best: _Found | None = None
         reason = "fit_went_astray"
         for start in self._starts(frame, predicted, vertical):
