@@ -22,13 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.errors import CalibrationError
-from pipeline_tracker.geometry.camera import (
-    Camera,
-    StereoRig,
-    camera_from_projection,
-    stereo_rig,
-)
+from pipeline_tracker.camera_info import camera_from_info
+from pipeline_tracker.geometry.camera import Camera, StereoRig, stereo_rig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.types import (
     Contours,
@@ -228,19 +223,6 @@ def relative_state_message(factory: MessageFactory, state: RelativeState, base_l
         upper_point_vertical=point_message(factory, state.upper_point_vertical),
         **{name: float(getattr(state, name)) for name in _RELATIVE_STATE_NUMBERS},
     )
-
-
-def camera_from_info(info: Any, *, name: str = "camera_info") -> Camera:
-    """Return the rectified camera of a sensor_msgs/CameraInfo (its P, never its K).
-
-    Raises:
-        CalibrationError: see ``camera_from_projection``; P has not 12 numbers.
-    """
-    # ROS 1 bags write the matrices in capitals.
-    p = np.asarray(info.p if hasattr(info, "p") else info.P, dtype=np.float64)
-    if p.size != 12:
-        raise CalibrationError(f"{name}: P has {p.size} numbers, expected 12; calibrate the camera")
-    return camera_from_projection(p, int(info.width), int(info.height), name=name)
 
 
 def vectorized_from_message(message: Any) -> VectorizedStereo:

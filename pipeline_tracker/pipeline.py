@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
+from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.settings import PipeSettings, Settings
@@ -53,7 +54,12 @@ class Pipeline:
         self._estimator = RelativeStateEstimator(settings, mounting)
 
     def process(
-        self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
+        self,
+        stamp_ns: int,
+        rig: StereoRig,
+        left: Image,
+        right: Image | None,
+        unseen: UnseenPair = SEEN_WHOLE,
     ) -> FrameResult:
         """Process one frame; poses around its stamp are to be in ``poses`` before.
 
@@ -61,8 +67,9 @@ class Pipeline:
             stamp_ns: stamp of the left image, ns.
             rig: the cameras.
             left, right: rectified images, (H, W) uint8; right None in mono.
+            unseen: what of them the cameras have not seen.
         """
-        vectorized = self._vectorizer.process(stamp_ns, rig, left, right)
+        vectorized = self._vectorizer.process(stamp_ns, rig, left, right, unseen)
         recognition = None
         tracked = self._tracker.begin(vectorized, self.poses.at(stamp_ns))
         if tracked is None:

@@ -44,7 +44,7 @@ class PipeSettings(Section):
 
 
 class CameraSettings(Section):
-    """Mounting of the left camera's optical frame in base_link."""
+    """The left optical frame's mounting in base_link, and whether images are to be rectified."""
 
     translation: Vector | None = _setting(
         None, "Position of the left optical frame in base_link; else from /tf_static", unit="m"
@@ -54,6 +54,9 @@ class CameraSettings(Section):
         "Roll, pitch, yaw of the left optical frame in base_link; straight down, top of the "
         "picture forward: [3.1416, 0, -1.5708]; else from /tf_static",
         unit="rad",
+    )
+    rectify: bool = _setting(
+        False, "The images are not rectified (image_raw): rectify them by CameraInfo's K, D, R, P"
     )
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from pipeline_tracker import messages
 from pipeline_tracker.bags.typestore import BagMessages
+from pipeline_tracker.camera_info import camera_from_info
 from pipeline_tracker.errors import CalibrationError
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
@@ -160,7 +161,7 @@ def test_camera_info_with_a_short_matrix_is_refused() -> None:
         width, height = 640, 480
 
     with pytest.raises(CalibrationError, match=r"left: P has 2 numbers, expected 12"):
-        messages.camera_from_info(Info(), name="left")
+        camera_from_info(Info(), name="left")
 
 
 @pytest.mark.parametrize("kind", ["PoseStamped", "PoseWithCovarianceStamped", "Odometry"])

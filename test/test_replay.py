@@ -458,9 +458,108 @@ def test_pictures_that_are_not_rectified_are_refused(run: Run) -> None:
 
     line = refusal(run, changed(sea, distort))
     assert "/stereo/left/image_raw is not rectified" in line
+    assert "--set camera.rectify=true" in line
     assert "--set topics.left_image=/stereo/left/image_raw" in line
     assert len(run(changed(sea, distort), topics__left_image="/stereo/left/image_raw").rows) == 4
     assert len(run(sea).rows) == 4, "without distortion they are as good as rectified"
+
+
+TURN = Pose.from_rpy(np.zeros(3), [0.0, 0.0, 0.02]).rotation.ravel()
+
+
+def raw_sea(sea: Sea, **changes: Any) -> list[Item]:
+    """Messages of a sea whose camera infos have distortion, and other fields where given."""
+    fields: dict[str, Any] = {"d": np.array([-0.2, 0.05, 0.0, 0.0, 0.0])} | changes
+
+    def distort(item: Item) -> Item:
+        if item.topic.endswith("camera_info"):
+            return replace(item, message=replace(item.message, **fields))
+        return item
+
+    return changed(sea, distort)
+
+
+def test_a_turned_or_scaled_camera_is_refused_like_a_distorted_one(run: Run) -> None:
+    sea = Sea(image_topic="/stereo/{side}/image_raw")
+    none = np.zeros(5)
+    other = np.array([70.0, 0, 30, 0, 70, 20, 0, 0, 1])
+    assert "not rectified" in refusal(run, raw_sea(sea, d=none, r=TURN))
+    assert "not rectified" in refusal(run, raw_sea(sea, d=none, k=other))
+    assert len(run(raw_sea(sea, d=none)).rows) == 4
+
+
+def test_images_are_rectified_by_setting(run: Run) -> None:
+    sea = Sea(image_topic="/stereo/{side}/image_raw", encoding="png")
+    items = raw_sea(sea, k=np.array([70.0, 0, 31.5, 0, 70, 23.5, 0, 0, 1]))
+    done = run(items, camera__rectify=True)
+    assert [row["reason"] for row in done.rows] == [""] * 4
+    assert done.pipeline is not None
+    # A camera with a shorter lens than P's sees all, one with a longer lens does not.
+    assert done.pipeline.unseen_pairs == [(None, None)] * 4
+    again = run(
+        raw_sea(sea, k=np.array([90.0, 0, 31.5, 0, 90, 23.5, 0, 0, 1])), camera__rectify=True
+    )
+    assert again.pipeline is not None
+    assert None not in again.pipeline.unseen_pairs[0]
+    # The calibration that is passed on is that of the rectified images.
+    with BagReader(done.output / "result") as bag:
+        vectorized = bag.first("/pipeline/vectorized")
+    for info, camera in ((vectorized.left_info, LEFT), (vectorized.right_info, RIGHT)):
+        assert not np.any(info.d)
+        np.testing.assert_array_equal(info.k, camera.matrix.ravel())
+        np.testing.assert_array_equal(info.r, np.eye(3).ravel())
+        assert info.p[3] == pytest.approx(-camera.fx * camera.offset)
+    # The run's own settings give the same again.
+    saved = load_settings(done.output / "settings.yaml")
+    assert saved.camera.rectify
+    assert saved.topics.left_image == "/stereo/left/image_raw/compressed"
+
+
+def test_rectified_images_are_not_rectified_again(run: Run) -> None:
+    line = refusal(run, raw_sea(Sea()), camera__rectify=True)
+    assert "camera.rectify is set, but the images are rectified already" in line
+    assert "leave camera.rectify out" in line
+    raw = Sea(image_topic="/stereo/{side}/image_raw", info_topic="/raw/{side}/info")
+    images = [item for item in raw_sea(raw) if item.topic.endswith("image_raw")]
+    both = [*images, *raw_sea(Sea())]
+    done = run(both, camera__rectify=True)
+    assert "/stereo/left/image_raw" in (done.output / "settings.yaml").read_text()
+    done = run(both)
+    assert "/stereo/left/image_rect" in (done.output / "settings.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"d": np.array([0.1, 0.2, 0.3])}, "D has 3 numbers, expected 5 or 4 for plumb_bob"),
+        ({"distortion_model": "fov"}, "distortion_model is 'fov', expected plumb_bob, rational"),
+        ({"k": np.zeros(9)}, "K has focal lengths fx=0, fy=0, expected both above 0"),
+        ({"p": np.zeros(12)}, "P has focal lengths fx=0, fy=0, expected both above 0"),
+        ({"width": 30_000, "height": 30_000}, "image size is 30000 x 30000, expected at most"),
+    ],
+)
+def test_what_does_not_tell_how_to_rectify_is_refused(
+    run: Run, changes: dict[str, Any], text: str
+) -> None:
+    items = raw_sea(Sea(image_topic="/stereo/{side}/image_raw"), **changes)
+    line = refusal(run, items, camera__rectify=True)
+    assert "/stereo/left/camera_info: " in line
+    assert text in line
+
+
+def test_a_camera_that_is_calibrated_anew_is_rectified_anew(run: Run) -> None:
+    sea = Sea(image_topic="/stereo/{side}/image_raw")
+    longer = np.array([160.0, 0, 31.5, 0, 160, 23.5, 0, 0, 1])
+
+    def change(item: Item) -> Item:
+        if item.topic.endswith("camera_info") and item.log_ns >= sea.stamp(2):
+            return replace(item, message=replace(item.message, k=longer))
+        return item
+
+    done = run([change(item) for item in raw_sea(sea)], camera__rectify=True)
+    assert done.pipeline is not None
+    unseen = [pair.left is not None for pair in done.pipeline.unseen_pairs]
+    assert unseen == [False, False, True, True]
 
 
 # Output.

@@ -56,14 +56,14 @@ def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) ->
     Args:
         bag: name of the bag, for errors.
         topics: what is in it.
-        settings: ``topics.*``, ``mode`` and ``pose_type``.
+        settings: ``topics.*``, ``mode``, ``pose_type`` and ``camera.rectify``.
 
     Raises:
         BagError: no images, one camera only, no camera info, or several topics that would do (the
             line lists them and the setting that decides).
     """
     found = {name: topic for name, topic in topics.items() if topic.count > 0}
-    search = _Search(bag, found)
+    search = _Search(bag, found, rectify=settings.camera.rectify)
     left, right = search.images(settings)
     given = settings.topics
     left_info = search.info(given.left_info, "left_info", left)
@@ -82,9 +82,10 @@ def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) ->
 
 
 class _Search:
-    def __init__(self, bag: str, topics: Mapping[str, BagTopic]) -> None:
+    def __init__(self, bag: str, topics: Mapping[str, BagTopic], *, rectify: bool) -> None:
         self._bag = bag
         self._topics = topics
+        self._rectify = rectify
 
     def images(self, settings: Settings) -> tuple[str, str]:
         """Return the left and the right image topic; right empty in mono."""
@@ -184,7 +185,9 @@ class _Search:
 
     def _image_rank(self, name: str) -> tuple[int, int]:
         compressed = self._topics[name].type_name == COMPRESSED_IMAGE
-        return (0 if _is_rectified(name) else 1, 1 if compressed else 0)
+        # What is to be rectified comes unrectified.
+        wanted = _is_rectified(name) != self._rectify
+        return (0 if wanted else 1, 1 if compressed else 0)
 
     def _of_type(self, *types: str) -> list[str]:
         return [name for name, topic in self._topics.items() if topic.type_name in types]

@@ -5,28 +5,32 @@ It tells where the pipe falls into the images, and that the bag is the one that 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.bags.topics import find_topics
+from pipeline_tracker.camera_info import camera_from_info
 from pipeline_tracker.errors import BagError, CalibrationError
 from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.images import ImageError, decode_image
 from pipeline_tracker.messages import (
-    camera_from_info,
     pose_from_message,
     stamp_ns,
     transform_from_message,
 )
 from pipeline_tracker.mounting import StaticTransforms, mounting_from_settings
+from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.settings import Settings
+from pipeline_tracker.types import Image
 from pipeline_tracker.vectorization.vectorizer import thumbnail
 
 _FOREVER = 1e9
@@ -83,13 +87,14 @@ def read_recording(
     )
     if topics.image:
         recording.images = set()
+        read = _reader(bag, settings, topics.infos[0])
         for record in bag.records([topics.image], complete=False) if thumbnails else ():
             if record.stamp_guess() in thumbnails:
                 message = record.unpack()
                 stamp = stamp_ns(message.header)
                 recording.images.add(stamp)
                 with suppress(ImageError):
-                    recording.thumbnails[stamp] = thumbnail(decode_image(message, settings.image))
+                    recording.thumbnails[stamp] = thumbnail(read(message))
     return recording
 
 
@@ -111,6 +116,15 @@ def _find_topics(bag: BagReader, settings: Settings) -> _Topics:
     return _Topics(
         image if image in bag.topics else "", (left, right), min(static, key=len, default="")
     )
+
+
+def _reader(bag: BagReader, settings: Settings, left_info: str) -> Callable[[Any], Image]:
+    """Return what makes an image of a left image message, rectified where the replay did so."""
+    if left_info and settings.camera.rectify:
+        with suppress(BagError, CalibrationError):
+            images = StereoImages(settings, bag.first(left_info))
+            return partial(images.read, side="left")
+    return partial(decode_image, settings=settings.image)
 
 
 def _rig(bag: BagReader, topics: _Topics) -> StereoRig | None:

@@ -9,17 +9,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
-from pipeline_tracker.images import ImageError, check_size, decode_image
-from pipeline_tracker.messages import camera_from_info, stamp_ns, vectorized_message
+from pipeline_tracker.messages import stamp_ns, vectorized_message
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import PipelineNode
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.timeline import Step
 from pipeline_tracker.nodes.worker import Worker
+from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
-from pipeline_tracker.types import Image, VectorizedStereo
+from pipeline_tracker.types import VectorizedStereo
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
 
 # Pairs that wait while one is computed; as many as the depth of the image topics.
@@ -66,7 +65,7 @@ class StereoVectorizer(PipelineNode):
         self._without_info: deque[Pair] = deque()
         self._epoch = 0
         self._lock = threading.Lock()
-        self._rig: tuple[Infos, StereoRig] | None = None
+        self._images: tuple[Infos, StereoImages] | None = None
         self._vectorized_out = self.speak(
             "pipeline_tracker_msgs/msg/VectorizedStereo", "pipeline/vectorized"
         )
@@ -86,7 +85,8 @@ class StereoVectorizer(PipelineNode):
             self._forget()
 
     def _listen_to(self, side: str) -> None:
-        topic, kind = f"stereo/{side}/image_rect", "Image"
+        name = "image_raw" if self.settings.camera.rectify else "image_rect"
+        topic, kind = f"stereo/{side}/{name}", "Image"
         if self.settings.image_transport == "compressed":
             topic, kind = f"{topic}/compressed", "CompressedImage"
 
@@ -166,39 +166,30 @@ class StereoVectorizer(PipelineNode):
         """Decode, vectorize and publish a pair; in the computing thread."""
         pair, infos = item
         try:
-            frame = self._frame(pair, infos)
+            images = self._calibrated(infos)
+            frame = self._frame(pair, images)
         except Exception as error:  # noqa: BLE001 - one pair is lost, not the node
             self.refused("pair", error)
             return
         frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
-        message = vectorized_message(self.messages, frame, frame_id, infos.left, infos.right)
+        given = (infos.left, infos.right) if images.infos_hold else (None, None)
+        message = vectorized_message(self.messages, frame, frame_id, *given)
         with self._lock:
             if pair.epoch == self._epoch:
                 self._vectorized_out.publish(message)
                 return
         self.dropped("time_went_backward", f"pair of {pair.stamp_ns} ns")
 
-    def _frame(self, pair: Pair, infos: Infos) -> VectorizedStereo:
-        if self._rig is None or self._rig[0] is not infos:
-            self._rig = infos, self._build_rig(infos)
-        rig = self._rig[1]
-        left = self._decode(pair.left, "left", rig)
-        right = None if rig.right is None else self._decode(pair.right, "right", rig)
-        return self._vectorizer.process(pair.stamp_ns, rig, left, right)
+    def _calibrated(self, infos: Infos) -> StereoImages:
+        if self._images is None or self._images[0] is not infos:
+            right = infos.right if self._stereo else None
+            self._images = infos, StereoImages(self.settings, infos.left, right)
+        return self._images[1]
 
-    def _build_rig(self, infos: Infos) -> StereoRig:
-        left = camera_from_info(infos.left, name="left camera_info")
-        if not self._stereo:
-            return stereo_rig(left, None)
-        return stereo_rig(left, camera_from_info(infos.right, name="right camera_info"))
-
-    def _decode(self, message: Any, side: str, rig: StereoRig) -> Image:
-        try:
-            image = decode_image(message, self.settings.image)
-            check_size(image, rig.left.width, rig.left.height)
-        except ImageError as error:
-            raise ImageError(f"{side} image: {error}") from None
-        return image
+    def _frame(self, pair: Pair, images: StereoImages) -> VectorizedStereo:
+        left = images.read(pair.left, "left")
+        right = images.read(pair.right, "right") if self._stereo else None
+        return self._vectorizer.process(pair.stamp_ns, images.rig, left, right, images.unseen)
 
 
 def main(args: Sequence[str] | None = None) -> int:

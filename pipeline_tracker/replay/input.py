@@ -11,17 +11,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from pipeline_tracker import messages
 from pipeline_tracker.bags.reader import BagReader, BagRecord
 from pipeline_tracker.bags.topics import ReplayTopics, find_topics
+from pipeline_tracker.camera_info import calibration_of, is_rectified
 from pipeline_tracker.errors import BagError, CalibrationError
-from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
+from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
-from pipeline_tracker.images import ImageError, check_size, decode_image
+from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
+from pipeline_tracker.images import ImageError
 from pipeline_tracker.mounting import StaticTransforms, find_mounting, mounting_as_settings
+from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import replace_settings
 from pipeline_tracker.sync import Matched, StereoSynchroniser
@@ -41,7 +42,9 @@ class Frame:
         epoch: how often the bag's clocks were set back before it.
         reason: why it cannot be processed; empty where it can.
         rig, left, right: cameras and images; None where there is a reason, right None in mono.
-        left_info, right_info: the camera infos as they came.
+        unseen: what of the images the cameras have not seen.
+        left_info, right_info: the camera infos as they came; None where they describe other images
+            than these, which were rectified.
     """
 
     stamp_ns: int
@@ -50,6 +53,7 @@ class Frame:
     rig: StereoRig | None = None
     left: Image | None = None
     right: Image | None = None
+    unseen: UnseenPair = SEEN_WHOLE
     left_info: Any = None
     right_info: Any = None
 
@@ -93,16 +97,16 @@ class ReplayInput:
             BagError: something that is needed is missing or not clear.
             CalibrationError: the calibration or the mounting is missing or impossible.
         """
-        self._bag = bag
+        self._bag, self._settings = bag, settings
         self.topics = find_topics(str(bag.path), bag.topics, settings)
         self.counts = InputCounts()
         self.frame_count = bag.topics[self.topics.left_image].count
         self._infos = {"left": bag.first(self.topics.left_info)}
         if self.topics.right_image:
             self._infos["right"] = bag.first(self.topics.right_info)
-        self._rig: StereoRig | None = self._calibrate()
-        self._bad_calibration = ""
         self._check_rectified()
+        self._images: StereoImages | None = self._calibrate()
+        self._bad_calibration = ""
         self.left_frame = settings.frames.left_optical or self._left_frame()
         found = find_mounting(settings, self._static_transforms(), self.left_frame)
         self.settings = _resolved(settings, self.topics, self.left_frame, found)
@@ -189,7 +193,7 @@ class ReplayInput:
         except BagError:
             self.counts.unreadable[record.topic] += 1
             return
-        same = _calibration(info) == _calibration(self._infos[side])
+        same = calibration_of(info) == calibration_of(self._infos[side])
         if not same:
             # A camera that was calibrated anew: what waits was taken before.
             yield from self._ready(poses, None)
@@ -197,9 +201,9 @@ class ReplayInput:
         if same:
             return
         try:
-            self._rig, self._bad_calibration = self._calibrate(), ""
+            self._images, self._bad_calibration = self._calibrate(), ""
         except CalibrationError as error:
-            self._rig, self._bad_calibration = None, str(error)
+            self._images, self._bad_calibration = None, str(error)
 
     def _step_back(self, kind: str, stamp: int, poses: PoseBuffer) -> Iterator[Frame]:
         """Settle all that is held when a clock was set back."""
@@ -245,61 +249,56 @@ class ReplayInput:
         reason = outcome.reason
         if mono and reason == "no_right_image":
             reason = ""
-        if not reason and self._rig is None:
+        images = self._images
+        if not reason and images is None:
             reason = self._bad_calibration
-        if reason:
+        if reason or images is None:
             return Frame(stamp, self._epoch, reason)
-        assert self._rig is not None  # noqa: S101 - else there is a reason
         try:
-            left = self._decode(outcome.left.item, "left")
-            right = None if outcome.right is None else self._decode(outcome.right.item, "right")
+            left = _read(images, outcome.left.item, "left")
+            right = None if outcome.right is None else _read(images, outcome.right.item, "right")
         except ImageError as error:
             return Frame(stamp, self._epoch, str(error))
         return Frame(
             stamp_ns=stamp,
             epoch=self._epoch,
-            rig=self._rig,
+            rig=images.rig,
             left=left,
             right=right,
-            left_info=self._infos["left"],
-            right_info=self._infos.get("right"),
+            unseen=images.unseen,
+            left_info=self._infos["left"] if images.infos_hold else None,
+            right_info=self._infos.get("right") if images.infos_hold else None,
         )
 
-    def _decode(self, picture: _Picture, side: str) -> Image:
-        assert self._rig is not None  # noqa: S101 - checked before
-        if picture.message is None:
-            raise ImageError(f"{side} image: {picture.reason}")
-        camera = self._rig.left
-        try:
-            image = decode_image(picture.message, self.settings.image)
-            check_size(image, camera.width, camera.height)
-        except ImageError as error:
-            raise ImageError(f"{side} image: {error}") from None
-        return image
-
-    def _calibrate(self) -> StereoRig:
-        path = self._bag.path
-        left = messages.camera_from_info(
-            self._infos["left"], name=f"{path}: {self.topics.left_info}"
-        )
-        if not self.topics.right_image:
-            return stereo_rig(left, None)
-        right = messages.camera_from_info(
-            self._infos["right"], name=f"{path}: {self.topics.right_info}"
-        )
-        return stereo_rig(left, right)
+    def _calibrate(self) -> StereoImages:
+        path, topics, infos = self._bag.path, self.topics, self._infos
+        names = f"{path}: {topics.left_info}", f"{path}: {topics.right_info}"
+        return StereoImages(self._settings, infos["left"], infos.get("right"), names)
 
     def _check_rectified(self) -> None:
-        """Refuse pictures with distortion: their straight lines are not straight."""
-        info = self._infos["left"]
-        distortion = np.asarray(info.d if hasattr(info, "d") else info.D, dtype=np.float64)
-        if not self.topics.rectified and np.any(distortion != 0.0):
-            raise CalibrationError(
-                f"{self._bag.path}: {self.topics.left_image} is not rectified (its camera info has "
-                "distortion), expected image_rect; rectify the bag with image_proc, or, if the "
-                f"images are rectified, say so with --set topics.left_image="
-                f"{self.topics.left_image}"
-            )
+        """Refuse pictures that are not rectified as they should be: straight lines are bent.
+
+        Raises:
+            CalibrationError: they are not, or they are and ought not to be.
+        """
+        left = self.topics.left_image
+        if self._settings.camera.rectify:
+            if self.topics.rectified and not self._settings.topics.left_image:
+                raise CalibrationError(
+                    f"{self._bag.path}: camera.rectify is set, but the images are rectified "
+                    f"already ({left}), expected image_raw; leave camera.rectify out, or, if they "
+                    f"are not rectified, say so with --set topics.left_image={left}"
+                )
+            return
+        for side, info in self._infos.items():
+            if not self.topics.rectified and not is_rectified(info):
+                image = left if side == "left" else self.topics.right_image
+                raise CalibrationError(
+                    f"{self._bag.path}: {image} is not rectified (its camera info has distortion, "
+                    "a rotation or another K than P), expected image_rect; rectify it with --set "
+                    "camera.rectify=true, or, if the images are rectified, say so with --set "
+                    f"topics.left_image={left}"
+                )
 
     def _left_frame(self) -> str:
         frame = str(self._infos["left"].header.frame_id)
@@ -339,10 +338,11 @@ def _resolved(
     return replace_settings(settings, changes)
 
 
+def _read(images: StereoImages, picture: _Picture, side: str) -> Image:
+    if picture.message is None:
+        raise ImageError(f"{side} image: {picture.reason}")
+    return images.read(picture.message, side)
+
+
 def _nothing() -> None:
     pass
-
-
-def _calibration(info: Any) -> tuple[Any, ...]:
-    p = info.p if hasattr(info, "p") else info.P
-    return (int(info.width), int(info.height), *np.asarray(p, dtype=np.float64).tolist())

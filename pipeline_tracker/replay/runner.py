@@ -20,6 +20,7 @@ from pipeline_tracker.errors import BagError, PipelineTrackerError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
+from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
 from pipeline_tracker.replay.estimates import EstimatesFile, estimate_row, lost_row
 from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
@@ -51,7 +52,12 @@ class PipelineLike(Protocol):
     poses: PoseBuffer
 
     def process(
-        self, stamp_ns: int, rig: StereoRig, left: Image, right: Image | None
+        self,
+        stamp_ns: int,
+        rig: StereoRig,
+        left: Image,
+        right: Image | None,
+        unseen: UnseenPair = SEEN_WHOLE,
     ) -> FrameResult:
         """Process one frame."""
 
@@ -198,7 +204,9 @@ class _Run:
             return
         pose = self._pipeline.poses.at(frame.stamp_ns)
         start = time.perf_counter()
-        done = self._pipeline.process(frame.stamp_ns, frame.rig, frame.left, frame.right)
+        done = self._pipeline.process(
+            frame.stamp_ns, frame.rig, frame.left, frame.right, frame.unseen
+        )
         spent = 1e3 * (time.perf_counter() - start)
         status, segment, state = done.tracked.status, done.tracked.segment, done.relative_state
         row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)

@@ -24,6 +24,8 @@ _LOW_PART = 0.45
 # Below this the gradient is the camera's noise (8-bit steps through the smoothing), in units of
 # the Sobel operator.
 _LEAST_HIGH = 12.0
+# An edge is made of pixels up to so far from it: blur, derivatives and suppression.
+EDGE_REACH = 4
 
 
 def equalize(image: Image, tiles: int = 8, workspace: Workspace | None = None) -> Image:
@@ -34,7 +36,11 @@ def equalize(image: Image, tiles: int = 8, workspace: Workspace | None = None) -
 
 
 def extract_segments(
-    image: Image, tolerance: float, min_length: float, workspace: Workspace | None = None
+    image: Image,
+    tolerance: float,
+    min_length: float,
+    workspace: Workspace | None = None,
+    blind: NDArray[np.bool_] | None = None,
 ) -> Float32Array:
     """Vectorize one equalised image at one scale.
 
@@ -43,6 +49,7 @@ def extract_segments(
         tolerance: a broken line is split where it deviates by more, px.
         min_length: shorter segments are dropped, px.
         workspace: where to compute; None: in new arrays.
+        blind: (H, W), where no edges are to be found; None: nowhere.
 
     Returns:
         (N, 4) float32, x1 y1 x2 y2, px; the brighter side lies to the right of 1 -> 2.
@@ -58,6 +65,8 @@ def extract_segments(
     gradient_magnitude(dx, dy, magnitude)
     high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, 2), _LEAST_HIGH)
     suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, offset, ridge)
+    if blind is not None:
+        ridge[blind] = 0
     return trace_segments(ridge, dx, dy, magnitude, offset, high, tolerance, min_length, strong)
 
 

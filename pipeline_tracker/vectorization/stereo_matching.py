@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.jit import compiled
 from pipeline_tracker.vectorization.coarse_disparity import (
     chosen_points,
@@ -32,6 +33,8 @@ _MIN_SEGMENT = 40.0
 # A smaller share of matches comes by chance: the rows of the pair do not agree, or one image shows
 # nothing. In clear water 0.9 are found, in water full of snow 0.25, of chance 0.1.
 _LEAST_MATCHED = 0.15
+# So far from its middle a patch looks at either image, px.
+_PATCH_REACH = 2 * (_HALF_PATCH + 1)
 
 
 class StereoLevels(NamedTuple):
@@ -218,6 +221,8 @@ def match_pair(
     segments: Float32Array,
     spacing: int,
     workspace: Workspace | None = None,
+    unseen: UnseenPair = SEEN_WHOLE,
+    factor: int = 1,
 ) -> Float32Array:
     """Match a rectified pair on a fixed grid and along the longer segments.
 
@@ -226,14 +231,24 @@ def match_pair(
         segments: of the left image, (N, 4) float32, px.
         spacing: of the grid where it is finest, px.
         workspace: where to compute; None: in new arrays.
+        unseen: what of the images the cameras have not seen; nothing is matched there.
+        factor: of the images to the masks of ``unseen``.
 
     Returns:
         (M, 4) float32, x_left y_left x_right y_right, px; none where they would be chance.
     """
     levels = stereo_levels(left, right, workspace)
     height, width = left.shape
+    if unseen.left is not None:
+        levels.coarse[unseen.left.grown(levels.side * factor, 0)] = np.nan
     grid = chosen_points(levels.coarse, width, height, spacing)
     along = segment_points(segments, 2 * spacing)
     points = np.concatenate((grid, along))
+    if unseen.left is not None:
+        points = points[~unseen.left.near(points, factor, _PATCH_REACH)]
     found = match_points(levels, points)
-    return found if len(found) >= _LEAST_MATCHED * len(points) else found[:0]
+    if len(found) < _LEAST_MATCHED * len(points):
+        return found[:0]
+    if unseen.right is not None:
+        found = found[~unseen.right.near(found[:, 2:], factor, _PATCH_REACH)]
+    return found

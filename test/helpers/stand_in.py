@@ -10,6 +10,7 @@ import numpy as np
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
+from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.pipeline import FrameResult
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.tracking.tracker import TrackedFrame
@@ -35,6 +36,7 @@ class StandIn:
         self.poses = PoseBuffer(settings.pose.max_gap)
         self.calls: list[tuple[int, Pose | None]] = []
         self.rigs: list[StereoRig] = []
+        self.unseen_pairs: list[UnseenPair] = []
         self.levels: list[tuple[float, float | None]] = []
         self.resets: list[str] = []
         self.before: Callable[[int], None] = lambda _index: None
@@ -45,7 +47,10 @@ class StandIn:
         self.resets.append(reason)
         self._tracked = False
 
-    def process(self, stamp_ns: int, rig: StereoRig, left: Any, right: Any) -> FrameResult:
+    def process(
+        self, stamp_ns: int, rig: StereoRig, left: Any, right: Any, unseen: UnseenPair = SEEN_WHOLE
+    ) -> FrameResult:
+        self.unseen_pairs.append(unseen)
         self.before(len(self.calls))
         pose = self.poses.at(stamp_ns)
         self.calls.append((stamp_ns, pose))

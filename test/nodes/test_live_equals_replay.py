@@ -116,9 +116,10 @@ class Feeder:
         self.expected = done.stamps
         topics = done.settings.topics
         self.left = topics.left_image
+        image = "image_raw" if done.settings.camera.rectify else "image_rect"
         wanted = {
-            topics.left_image: "stereo/left/image_rect",
-            topics.right_image: "stereo/right/image_rect",
+            topics.left_image: f"stereo/left/{image}",
+            topics.right_image: f"stereo/right/{image}",
             topics.left_info: "stereo/left/camera_info",
             topics.right_info: "stereo/right/camera_info",
             topics.pose: "vnm/pose",
@@ -159,7 +160,7 @@ class Feeder:
         )
         factory = LiveMessages()
         infos = [name for name, live in self.names.items() if live.endswith("camera_info")]
-        images = [name for name, live in self.names.items() if "image_rect" in live]
+        images = [name for name, live in self.names.items() if "/image_" in live]
         size = self.bag.first(infos[0])
         black = np.zeros((size.height, size.width), np.uint8)
         for probe in range(60):

@@ -103,6 +103,41 @@ def test_compressed_images_by_parameter(bench: Any) -> None:
     assert state.valid
 
 
+def test_images_that_are_not_rectified_by_parameter(bench: Any) -> None:
+    from pipeline_tracker.nodes.stereo_vectorizer import StereoVectorizer
+    from pipeline_tracker.rectification import StereoImages
+    from pipeline_tracker.settings_io import load_settings
+    from pipeline_tracker.vectorization.vectorizer import Vectorizer
+
+    bench.live("camera.rectify=true", kinds=[StereoVectorizer])
+    vehicle = bench.vehicle()
+    for side in ("left", "right"):
+        vehicle.talker.close_topic(f"stereo/{side}/image_rect")
+        vehicle.talker.publisher(f"stereo/{side}/image_raw", "sensor_msgs/msg/Image")
+    bench.matched(vehicle.talker)
+    stamp = vehicle.scene.stamp(0)
+    infos, images = {}, {}
+    for side in ("left", "right"):
+        infos[side] = vehicle.info(side, stamp)
+        infos[side].d = [0.2, 0.04, 0.0, 0.0, 0.0]
+        images[side] = vehicle.image(side, 0, stamp)
+        vehicle.send(f"stereo/{side}/camera_info", infos[side])
+        vehicle.send(f"stereo/{side}/image_raw", images[side])
+    got = vehicle.talker.got["pipeline/vectorized"]
+    vehicle.talker.wait(lambda: got, "a vectorized pair")
+    # The same classes as in a replay give the same.
+    settings = load_settings(None, [*vehicle.scene.settings, "camera.rectify=true"])
+    read = StereoImages(settings, infos["left"], infos["right"])
+    pair = [read.read(images[side], side) for side in ("left", "right")]
+    wanted = Vectorizer(settings).process(stamp, read.rig, *pair, read.unseen)
+    assert read.unseen.left is not None
+    np.testing.assert_array_equal(got[0].left_segments, wanted.left_segments.ravel())
+    np.testing.assert_array_equal(got[0].matches, wanted.matches.ravel())
+    assert len(wanted.matches) > 100
+    assert not any(got[0].left_info.d)
+    np.testing.assert_array_equal(got[0].right_info.p, infos["right"].p)
+
+
 @pytest.mark.parametrize("pose_type", ["pose_with_covariance", "odometry"])
 def test_pose_types_by_parameter(bench: Any, pose_type: str) -> None:
     bench.live(f"pose_type={pose_type}")
