@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline_tracker.bench.machine import load_average
 from pipeline_tracker.bench.memory import MEGABYTE, process_tools
 from pipeline_tracker.bench.recording import Recording, to_and_fro
 from pipeline_tracker.bench.schema import Live, LiveRow
@@ -213,6 +214,7 @@ def _measure(recording: Recording, config: Path, load: Load, seconds: float) -> 
         finally:
             probe.close()
     milliseconds = [1e3 * answer.seconds for answer in heard.answers.values()]
+    load_now = load_average()
     first = heard.answers.get(heard.stamps[0])
     return LiveRow(
         hertz=load.hertz,
@@ -227,6 +229,7 @@ def _measure(recording: Recording, config: Path, load: Load, seconds: float) -> 
         p50_ms=_quantile(milliseconds, 0.5),
         p99_ms=_quantile(milliseconds, 0.99),
         max_ms=_quantile(milliseconds, 1.0),
+        load=load_now[0] if load_now else None,
         cpu_percent=100.0 * spent / passed,
         memory_mb=most[0] / MEGABYTE,
     )

@@ -121,6 +121,9 @@ class LiveRow(_Model):
     )
     p99_ms: float | None = Field(description="99th percentile of the same")
     max_ms: float | None = Field(description="Longest of the same")
+    load: float | None = Field(
+        description="Load average over 1 min at the end of the row, this load included"
+    )
     cpu_percent: float = Field(description="CPU time of the nodes / time; 100 is one core")
     memory_mb: float = Field(
         description="Resident memory of the nodes at most, all processes (what they share counts "

@@ -153,7 +153,9 @@ def _live_table(live: Live) -> Table:
 
 
 def _below_live(live: Live) -> str:
-    return f"ready with nothing compiled before: {live.ready_cold_s:.1f} s (one process)"
+    loads = [row.load for row in live.rows if row.load is not None]
+    words = f"; load average meanwhile {min(loads):.1f} to {max(loads):.1f}" if loads else ""
+    return f"ready with nothing compiled before: {live.ready_cold_s:.1f} s (one process){words}"
 
 
 def _memory(memory: Memory) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import json
 from dataclasses import replace
@@ -115,7 +116,7 @@ def test_shares_are_parts_of_their_callers(written: dict[str, Any]) -> None:
 
 def test_the_table_fits_80_columns_and_tells_the_skeleton(written: dict[str, Any]) -> None:
     report = BenchReport.model_validate(written)
-    console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115, PTH123
+    console = Console(width=80, record=True, file=io.StringIO())
     print_report(report, console)
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= 80
@@ -144,6 +145,22 @@ def test_at_1200_x_800_the_top_has_the_figures(
     assert report.pair_ms is not None
     assert report.stock_pair_ms is not None
     assert report.ratio == report.stock_pair_ms / report.pair_ms
+
+
+def test_live_figures_fit_the_table_too(written: dict[str, Any]) -> None:
+    row = {
+        "hertz": 20.0, "processes": 4, "one_core": False, "ready_s": 12.34, "published": 400,
+        "answered": 300, "valid": 299, "dropped": 100, "first_ms": None, "p50_ms": 1234.5,
+        "p99_ms": 2345.6, "max_ms": 3456.7, "load": 7.25, "cpu_percent": 199.5, "memory_mb": 1270.4,
+    }  # fmt: skip
+    live = {"width": 1200, "height": 800, "ready_cold_s": 33.3, "rows": [row, {**row, "load": 3.5}]}
+    report = BenchReport.model_validate({**written, "live": live})
+    console = Console(width=80, record=True, file=io.StringIO())
+    print_report(report, console)
+    text = console.export_text()
+    for figure in ("12.3", "1234", "2346", "100/400", "200", "1270", "3.5 to 7.2", "33.3 s"):
+        assert figure in text
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_the_page_has_the_tables_of_the_schema() -> None:
