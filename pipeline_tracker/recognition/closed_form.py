@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.axis_fit import Axis, across
+from pipeline_tracker.axis_fit import Axis, Evidence, Prior, across, fit_axis
 from pipeline_tracker.evidence import (
     contour_rays,
     distances_from_axis,
@@ -24,9 +24,12 @@ from pipeline_tracker.types import VectorizedStereo
 Array = NDArray[np.float64]
 
 REFERENCE_WIDTH = 1200.0
-_GATE = 6.0
+_GATE = 3.0
 # Standard deviation of a contour line's place at each of its ends, px at 1200 px width.
 _LINE_SIGMA = 0.5
+# Technique 1: the pipe is taken as straight so far to each side of the middle, m, and its direction
+# from the face where that has so many points.
+_STRAIGHT, _MANY_POINTS = 0.6, 40
 _MODEL_SIGMAS = np.array([0.002, 0.002, 0.003, 0.003])
 
 
@@ -151,6 +154,26 @@ def _direction_of_contour(
     return direction
 
 
+def _direction_of_surface(
+    face: SurfacePoints, sigmas: Array, known: Axis, radius: float, vertical: Array
+) -> Array | None:
+    """Direction of the pipe from the points on its face, where there are many (technique 1).
+
+    A contour is one line of points at the border of what can be matched; the face is broad.
+    """
+    if len(face.points) < _MANY_POINTS:
+        return None
+    none = np.zeros(0)
+    rays = np.zeros((0, 3))
+    evidence = Evidence(face.points, sigmas, rays, rays, none, none, none)
+    stiff = Prior(
+        Axis.straight(known.point, known.direction), np.array([10.0, 10.0, 3.0, 3.0, 1e-6, 1e-6])
+    )
+    fit = fit_axis(stiff.axis, radius, evidence, vertical, stiff, (6.0, 4.0, 4.0))
+    direction = fit.axis.direction
+    return direction if abs(float(direction @ known.direction)) > 0.98 else None
+
+
 def solve_by_technique(
     technique: int,
     frame: VectorizedStereo,
@@ -220,12 +243,18 @@ def _by_surface(
     surface: SurfacePoints, camera: Camera, known: Axis, radius: float, vertical: Array
 ) -> tuple[Axis, Array] | None:
     face = surface.subset(on_face(surface, camera, known, radius))
+    # The technique knows no bend: only what is near the middle is straight.
+    along = (face.points - known.point) @ known.direction
+    near = np.abs(along) < _STRAIGHT
+    face = face.subset(near) if near.sum() >= LEAST_FACE_POINTS else face
     if len(face.points) < LEAST_FACE_POINTS:
         return None
-    direction = _direction_of_contour(surface, camera, known, radius)
+    sigmas = point_sigmas(face, known)
+    direction = _direction_of_surface(face, sigmas, known, radius, vertical)
+    if direction is None:
+        direction = _direction_of_contour(surface, camera, known, radius)
     if direction is None:
         direction = known.direction
-    sigmas = point_sigmas(face, known)
     axis = technique1(face.points, sigmas, direction, radius, vertical)
     if axis is None:
         return None
