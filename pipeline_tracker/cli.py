@@ -131,6 +131,20 @@ def play(
 
 
 @app.command()
+def salvage(
+    bag: _Bag,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--output", metavar="DIR", help="Directory of the bag to write."),
+    ] = None,
+) -> Task:
+    """Write every readable message of a damaged bag to a sound one."""
+    if output is None:
+        raise _UsageError("no --output given; name the directory of the bag to write")
+    return partial(_salvage, bag, output)
+
+
+@app.command()
 def simulate(
     scenario: Annotated[
         Optional[str],  # noqa: UP045
@@ -375,6 +389,12 @@ def _play(bag: Path, rate: float, loop: bool, ros_args: list[str]) -> int:
     from pipeline_tracker.nodes.player import play
 
     return play(bag, rate, loop, ros_args)
+
+
+def _salvage(bag: Path, output: Path) -> int:
+    from pipeline_tracker.bags.salvage import salvage
+
+    return _say(salvage(bag, output).in_words())
 
 
 def _list_scenarios() -> int:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.bags.fresh import fresh_bag
 from pipeline_tracker.bags.typestore import BagMessages
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.geometry.pose import Pose
@@ -23,7 +24,7 @@ from pipeline_tracker.simulation.lens import lenses_of
 from pipeline_tracker.simulation.light import lamps_of, reference_light, water_of
 from pipeline_tracker.simulation.motion import Motion
 from pipeline_tracker.simulation.navigation import vnm_track, without
-from pipeline_tracker.simulation.recording import fresh_bag, write_bag
+from pipeline_tracker.simulation.recording import write_bag
 from pipeline_tracker.simulation.records import ALTIMETER, OPTICAL, SIDES, Messages, Record
 from pipeline_tracker.simulation.render_progress import RenderProgress
 from pipeline_tracker.simulation.renderer import Renderer, Rendering

@@ -15,11 +15,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from pipeline_tracker import simulation
+from pipeline_tracker.bags.fresh import fresh_bag
 from pipeline_tracker.cli import run_command
 from pipeline_tracker.errors import BagError, PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.simulation import simulate
-from pipeline_tracker.simulation.recording import fresh_bag
 from pipeline_tracker.simulation.renderer import Renderer
 from pipeline_tracker.simulation.scenario import Scenario
 from pipeline_tracker.simulation.scenario_files import load_scenario
