@@ -325,6 +325,27 @@ def pose_from_message(message: Any) -> tuple[int, Pose]:
     )
 
 
+def range_from_message(message: Any) -> tuple[int, float | None, float, float]:
+    """Read sensor_msgs/Range.
+
+    Returns:
+        Stamp in ns; range in m, None where there was no echo (infinite, by REP 117), or where it is
+        out of the sensor's own limits or not a number; half the beam's width, rad; standard
+        deviation, m, 0 where the message does not tell it.
+    """
+    distance = float(message.range)
+    low, high = float(message.min_range), float(message.max_range)
+    bounded = low < high
+    usable = np.isfinite(distance) and distance > 0.0 and not (bounded and distance < low)
+    usable = usable and not (bounded and distance > high)
+    width = float(message.field_of_view)
+    half = 0.5 * width if np.isfinite(width) and 0.0 < width < np.pi else 0.0
+    # Older definitions of the message have no variance.
+    variance = float(getattr(message, "variance", 0.0))
+    sigma = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else 0.0
+    return stamp_ns(message.header), distance if usable else None, half, sigma
+
+
 def transform_from_message(message: Any) -> tuple[str, str, Pose]:
     """Read geometry_msgs/TransformStamped.
 

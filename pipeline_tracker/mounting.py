@@ -6,6 +6,8 @@ import warnings
 from collections import deque
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline_tracker.errors import CalibrationError, SettingsError
@@ -78,6 +80,26 @@ def mounting_as_settings(mounting: Pose) -> dict[str, Any]:
         "camera.translation": mounting.translation.tolist(),
         "camera.rotation_rpy": angles.tolist(),
     }
+
+
+def find_beam(
+    settings: Settings, transforms: StaticTransforms, frame: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return origin (m) and unit direction of the echo sounder's beam in base_link, (3,) each.
+
+    Along +x of its own frame where a static transform of that frame is known, else by the settings
+    ``altimeter.translation`` and ``altimeter.direction``.
+
+    Args:
+        settings: all settings.
+        transforms: the static transforms that are known.
+        frame: the frame that its messages name.
+    """
+    pose = transforms.between(settings.frames.base_link, frame) if frame else None
+    if pose is not None:
+        return pose.translation, pose.rotation[:, 0]
+    direction = np.array(settings.altimeter.direction)
+    return np.array(settings.altimeter.translation), direction / np.linalg.norm(direction)
 
 
 def find_mounting(settings: Settings, transforms: StaticTransforms, left_frame: str) -> Pose:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
@@ -48,6 +49,7 @@ class Pipeline:
             recognition_only: recognise each frame by itself, track nothing.
         """
         self.poses = PoseBuffer(settings.pose.max_gap)
+        self.echoes = EchoBuffer()
         self._vectorizer = Vectorizer(settings)
         self._recognizer = Recognizer(settings, mounting)
         self._tracker = Tracker(settings, mounting, recognition_only)
@@ -61,7 +63,7 @@ class Pipeline:
         right: Image | None,
         unseen: UnseenPair = SEEN_WHOLE,
     ) -> FrameResult:
-        """Process one frame; poses around its stamp are to be in ``poses`` before.
+        """Process one frame; poses and echoes around its stamp are to be known before.
 
         Args:
             stamp_ns: stamp of the left image, ns.
@@ -71,7 +73,8 @@ class Pipeline:
         """
         vectorized = self._vectorizer.process(stamp_ns, rig, left, right, unseen)
         recognition = None
-        tracked = self._tracker.begin(vectorized, self.poses.at(stamp_ns))
+        heard = self.echoes.take(stamp_ns, self.poses)
+        tracked = self._tracker.begin(vectorized, self.poses.at(stamp_ns), heard)
         if tracked is None:
             recognition = self._recognizer.recognize(vectorized)
             tracked = self._tracker.finish(recognition)
@@ -79,8 +82,9 @@ class Pipeline:
         return FrameResult(vectorized, recognition, tracked, state)
 
     def reset(self, reason: str) -> None:
-        """Forget everything, poses included (a backward time jump, for example)."""
+        """Forget everything, poses and echoes included (a backward time jump, for example)."""
         self.poses.clear()
+        self.echoes.clear()
         self._tracker.reset(reason)
         self._estimator.reset()
 

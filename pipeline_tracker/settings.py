@@ -19,7 +19,15 @@ def finite(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def with_length(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the values, or refuse them where they are too short for a direction."""
+    if math.hypot(*values) < 1e-6:
+        raise ValueError("a direction must have a length")
+    return values
+
+
 Vector = Annotated[tuple[float, float, float], AfterValidator(finite)]
+Direction = Annotated[Vector, AfterValidator(with_length)]
 
 
 def _setting(default: Any, description: str, *, unit: str = "", **bounds: Any) -> Any:
@@ -202,10 +210,20 @@ class OutputSettings(Section):
 
 
 class AltimeterSettings(Section):
-    """The echo sounder's beam, where no transform is known."""
+    """The echo sounder (mono); its beam, where no transform of its frame is known."""
 
     translation: Vector = _setting((0.0, 0.0, 0.0), "Origin of the beam in base_link", unit="m")
-    direction: Vector = _setting((0.0, 0.0, -1.0), "Direction of the beam in base_link")
+    direction: Direction = _setting((0.0, 0.0, -1.0), "Direction of the beam in base_link")
+    sigma: float = _setting(
+        0.03,
+        "Least standard deviation of a range; its message's own variance counts where it is more",
+        unit="m",
+        gt=0,
+        le=1,
+    )
+    max_age: float = _setting(
+        0.5, "An older echo is not used for a frame without a pose", unit="s", ge=0, le=10
+    )
 
 
 class Settings(Section):

@@ -239,3 +239,22 @@ def test_markers_are_deleted_without_a_pipe(factory: BagMessages) -> None:
     status = TrackingStatus(STAMP, State.SEARCHING, "no edges", 0.0, -1.0, 0)
     array = markers_message(factory, status, None, state(valid=False), "base_link")
     assert [m.action for m in array.markers] == [3]
+
+
+def ping(factory: BagMessages, **fields: Any) -> Any:
+    values = {"range": 2.0, "min_range": 0.2, "max_range": 20.0, "field_of_view": 0.2, **fields}
+    header = messages.header_message(factory, STAMP, "altimeter")
+    return factory.message("sensor_msgs/msg/Range", header=header, **values)
+
+
+def test_a_range_is_read(factory: BagMessages) -> None:
+    stamp, distance, half_angle, sigma = messages.range_from_message(ping(factory, variance=0.0025))
+    assert (stamp, distance) == (STAMP, 2.0)
+    assert half_angle == pytest.approx(0.1)
+    assert sigma == pytest.approx(0.05)
+    assert messages.range_from_message(ping(factory))[3] == 0.0
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.1, 20.5, 0.0, -1.0])
+def test_what_is_no_echo_is_none(factory: BagMessages, value: float) -> None:
+    assert messages.range_from_message(ping(factory, range=value))[1] is None

@@ -13,6 +13,7 @@ from pipeline_tracker.errors import CalibrationError, SettingsError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.mounting import (
     StaticTransforms,
+    find_beam,
     find_mounting,
     mounting_as_settings,
     mounting_from_settings,
@@ -103,3 +104,26 @@ def test_mounting_as_settings_comes_back(roll: float, pitch: float, yaw: float) 
     found = mounting_from_settings(given)
     assert found is not None
     np.testing.assert_allclose(found.rotation, mounting.rotation, atol=1e-7)
+
+
+def test_the_beam_is_along_x_of_its_own_frame_where_that_is_known() -> None:
+    transforms = StaticTransforms()
+    transforms.add(
+        "base_link", "altimeter", Pose.from_rpy([0.1, 0.0, -0.2], [0.0, math.pi / 2, 0.0])
+    )
+    origin, direction = find_beam(settings(), transforms, "altimeter")
+    np.testing.assert_allclose(origin, [0.1, 0.0, -0.2])
+    np.testing.assert_allclose(direction, [0.0, 0.0, -1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ["", "base_link", "unknown"])
+def test_the_beam_is_that_of_the_settings_elsewhere(frame: str) -> None:
+    given = settings(altimeter__translation=[0.2, 0.0, 0.1], altimeter__direction=[0.0, 3.0, -4.0])
+    origin, direction = find_beam(given, chain(), frame)
+    assert origin.tolist() == [0.2, 0.0, 0.1]
+    np.testing.assert_allclose(direction, [0.0, 0.6, -0.8])
+
+
+def test_a_beam_without_direction_is_refused() -> None:
+    with pytest.raises(SettingsError, match=r"altimeter\.direction"):
+        settings(altimeter__direction=[0.0, 0.0, 0.0])

@@ -12,6 +12,7 @@ from rendering import SMALL, pair
 from swim import settings_of
 from synthetic_world import DOWN, SECOND, Diver, World, level_pose
 
+from pipeline_tracker.echoes import Echo
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
@@ -28,7 +29,7 @@ BARE = World(WORLD.bed)
 PERIOD = 0.5
 
 
-def pose_of(k: int) -> Pose:
+def pose_of(k: float) -> Pose:
     """Forward at 0.5 m/s, sinking at 5 cm/s."""
     return level_pose(x=0.25 * k, z=-0.025 * k)
 
@@ -189,14 +190,39 @@ def test_recognition_only_asks_for_every_frame(
         assert result.tracked.segment.mode == Mode.RECOGNITION
 
 
-def test_one_camera_is_enough(pictures: list[tuple[Image, Image | None]]) -> None:
+def hear(pipeline: Pipeline, frames: int) -> None:
+    """Ping the pipe below ten times in each period, from well before the first frame on."""
+    for n in range(-40, 10 * frames):
+        stamp = round(n * PERIOD / 10 * SECOND)
+        pose = pose_of(n / 10)
+        pipeline.poses.add(stamp, pose)
+        down = np.array([0.0, 0.0, -1.0])
+        distance = float(WORLD.hit(pose.translation, down[None])[0])
+        pipeline.echoes.add(stamp, Echo(stamp, np.zeros(3), down, distance, 0.01, 0.0))
+
+
+def test_one_camera_and_an_echo_sounder_are_enough(
+    pictures: list[tuple[Image, Image | None]],
+) -> None:
     mono = settings_of().model_copy(update={"mode": "mono"})
-    results = process(Pipeline(mono, DOWN), pictures[:3], rig=StereoRig(SMALL.left, None))
+    pipeline = Pipeline(mono, DOWN)
+    hear(pipeline, 3)
+    results = process(pipeline, pictures[:3], poses=False, rig=StereoRig(SMALL.left, None))
     for k, result in enumerate(results):
         assert result.tracked.status.state == State.TRACKING
         assert result.tracked.segment is not None
         assert len(result.vectorized.matches) == 0
-        assert Diver(WORLD, SMALL).errors(result.tracked.segment, pose_of(k))[0] < 0.05
+        assert Diver(WORLD, SMALL).errors(result.tracked.segment, pose_of(k))[0] < 0.02
+
+
+def test_one_camera_alone_does_not_guess(pictures: list[tuple[Image, Image | None]]) -> None:
+    mono = settings_of().model_copy(update={"mode": "mono"})
+    results = process(Pipeline(mono, DOWN), pictures[:3], rig=StereoRig(SMALL.left, None))
+    for result in results:
+        assert result.recognition is not None
+        assert result.recognition.found
+        assert not result.relative_state.valid
+        assert result.tracked.status.reason in {"contours_not_clear", "too_uncertain"}
 
 
 @pytest.mark.parametrize("mode", ["stereo", "mono"])

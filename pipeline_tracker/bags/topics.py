@@ -13,6 +13,7 @@ from pipeline_tracker.settings import Settings
 RAW_IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+RANGE = "sensor_msgs/msg/Range"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 POSE_TYPES = {
     "pose": "geometry_msgs/msg/PoseStamped",
@@ -37,6 +38,7 @@ class ReplayTopics:
         pose: VNM poses, or empty.
         pose_type: which of the three types ``pose`` has.
         transforms: static transforms, or empty.
+        range: echo sounder, or empty; looked for in mono only.
         rectified: whether the images' names say that they are rectified.
     """
 
@@ -48,6 +50,7 @@ class ReplayTopics:
     pose_type: str
     transforms: str
     rectified: bool
+    range: str = ""
 
 
 def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) -> ReplayTopics:
@@ -78,6 +81,7 @@ def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) ->
         pose_type=pose_type,
         transforms=search.transforms(),
         rectified=bool(given.left_image) or _is_rectified(left),
+        range=search.range(settings),
     )
 
 
@@ -178,6 +182,18 @@ class _Search:
             raise self._ambiguous("the vehicle's pose", "pose", best)
         return best[0], kinds[self._topics[best[0]].type_name]
 
+    def range(self, settings: Settings) -> str:
+        """Return the topic of the echo sounder; empty where the bag has none, and in stereo."""
+        if settings.mode != "mono":
+            return ""
+        if settings.topics.range:
+            return self._given("range", settings.topics.range, (RANGE,))
+        names = [n for n in self._of_type(RANGE) if not _words(n) & _NEVER]
+        best = _best(names, _range_rank)
+        if len(best) > 1:
+            raise self._ambiguous("the echo sounder", "range", best)
+        return best[0] if best else ""
+
     def transforms(self) -> str:
         """Return the topic of static transforms, or nothing."""
         names = [n for n in self._of_type(TRANSFORMS) if n.rsplit("/", 1)[-1] == "tf_static"]
@@ -246,6 +262,10 @@ def _pose_rank(name: str) -> int:
     if "vnm" in words:
         return 0 if name.endswith("/pose") else 1
     return 2
+
+
+def _range_rank(name: str) -> int:
+    return 0 if "altimeter" in _words(name) else 1
 
 
 def _best(names: Iterable[str], rank: Callable[[str], object]) -> list[str]:

@@ -7,6 +7,7 @@ from bisect import insort
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pipeline_tracker.echoes import Echo, EchoBuffer
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
@@ -20,6 +21,8 @@ from pipeline_tracker.types import PipeSegment, State, TrackingStatus, Vectorize
 QUEUE = 10
 # A recognition takes some tenths of a second, on a busy machine some seconds.
 ANSWER_WITHIN = 5.0
+# An echo sounder that was silent for so long, s, is not waited for.
+_SILENT = 5.0
 
 BACKWARD = "time went backward"
 RECALIBRATED = "the camera's calibration changed"
@@ -75,6 +78,7 @@ class FrameFlow:
         """
         self._tracker = tracker
         self._poses = PoseBuffer(settings.pose.max_gap)
+        self._echoes = EchoBuffer()
         self._pose_wait = settings.pose.wait
         self._clock = clock
         self._publish_frame = publish
@@ -125,6 +129,20 @@ class FrameFlow:
             self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
         self.poll()
 
+    def add_ping(self, stamp_ns: int, echo: Echo | None) -> None:
+        """Take in a ping of the echo sounder; ``echo`` is None where nothing came back."""
+        step = self._timeline.see("range", stamp_ns)
+        if step is Step.PAST:
+            self._dropped("range_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+            return
+        if step is Step.BACKWARD:
+            self.reset(BACKWARD)
+        if not self._echoes.add(stamp_ns, echo):
+            self._dropped(
+                "range_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one"
+            )
+        self.poll()
+
     def add_recognition(self, segment: PipeSegment) -> None:
         """Take in the recognizer's answer."""
         if self._open is None or self._open.stamp_ns != segment.stamp_ns:
@@ -146,6 +164,7 @@ class FrameFlow:
             self._close_unseen(held.stamp_ns, f"dropped: {reason}")
         self._waiting.clear()
         self._poses.clear()
+        self._echoes.clear()
         self._newest_taken = None
         self._tracker.reset(reason)
 
@@ -155,7 +174,7 @@ class FrameFlow:
             self._finish(None, f"no answer of the recognizer within {ANSWER_WITHIN:g} s")
         while self._waiting and self._open is None:
             held = self._waiting[0]
-            if held.frame is not None and not self._has_pose(held):
+            if held.frame is not None and not self._is_complete(held):
                 return
             self._waiting.pop(0)
             self._newest_taken = held.stamp_ns
@@ -166,11 +185,13 @@ class FrameFlow:
             else:
                 self._begin(held.frame)
 
-    def _has_pose(self, held: _Waiting) -> bool:
-        """Whether the frame's pose has come, or has been waited for long enough."""
-        return (
-            self._poses.settled(held.stamp_ns) or self._clock.since(held.since) >= self._pose_wait
-        )
+    def _is_complete(self, held: _Waiting) -> bool:
+        """Whether the frame's pose and echo have come, or have been waited for long enough."""
+        stamp = held.stamp_ns
+        heard = self._echoes.settled(stamp) or self._echoes.silent_for(stamp, _SILENT)
+        if self._poses.settled(stamp) and heard:
+            return True
+        return self._clock.since(held.since) >= self._pose_wait
 
     def _begin(self, frame: VectorizedStereo) -> None:
         # Another camera, or one calibrated anew: the past does not fit any more.
@@ -178,7 +199,8 @@ class FrameFlow:
             self._tracker.reset(RECALIBRATED)
         self._rig = frame.rig
         try:
-            tracked = self._tracker.begin(frame, self._poses.at(frame.stamp_ns))
+            heard = self._echoes.take(frame.stamp_ns, self._poses)
+            tracked = self._tracker.begin(frame, self._poses.at(frame.stamp_ns), heard)
         except Exception as error:  # noqa: BLE001 - no frame may end the node
             self._give_up(frame.stamp_ns, error)
             return

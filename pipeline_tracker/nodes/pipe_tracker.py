@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any
 
+from pipeline_tracker.echoes import Echo
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import (
     header_message,
     pose_from_message,
+    range_from_message,
     segment_from_message,
     segment_message,
     status_message,
+    transform_from_message,
     vectorized_from_message,
 )
+from pipeline_tracker.mounting import StaticTransforms, find_beam
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.frame_flow import FrameFlow
@@ -50,6 +55,8 @@ class PipeTracker(MountedNode):
         self._timer = self.every(_POLL, self._poll)
         self._timer.cancel()
         self.listen_to_poses(self._on_pose)
+        if self.settings.mode == "mono":
+            self._listen_to_ranges()
         self.listen(
             "pipeline_tracker_msgs/msg/PipeSegment",
             "pipeline/recognition",
@@ -78,6 +85,27 @@ class PipeTracker(MountedNode):
 
     def _on_pose(self, message: Any) -> None:
         self._flow.add_pose(*pose_from_message(message))
+
+    def _listen_to_ranges(self) -> None:
+        self._transforms = StaticTransforms()
+        if find_spec("tf2_msgs") is not None:
+            self.listen(
+                "tf2_msgs/msg/TFMessage", "/tf_static", self._on_transforms, qos.STATIC_TRANSFORM
+            )
+        self.listen("sensor_msgs/msg/Range", "altimeter/range", self._on_range, qos.SENSOR)
+
+    def _on_transforms(self, message: Any) -> None:
+        for transform in message.transforms:
+            self._transforms.add(*transform_from_message(transform))
+
+    def _on_range(self, message: Any) -> None:
+        stamp, distance, half_angle, sigma = range_from_message(message)
+        echo = None
+        if distance is not None:
+            beam = find_beam(self.settings, self._transforms, str(message.header.frame_id))
+            sigma = max(self.settings.altimeter.sigma, sigma)
+            echo = Echo(stamp, *beam, distance, sigma, half_angle)
+        self._flow.add_ping(stamp, echo)
 
     def _on_recognition(self, message: Any) -> None:
         self._flow.add_recognition(segment_from_message(message))

@@ -73,7 +73,9 @@ class Recognizer:
         technique = _JOINT_FIT if wanted == "auto" else wanted
         axis, covariance = best.axis, best.covariance
         if technique == _JOINT_FIT:
-            if too_uncertain(covariance, float(np.linalg.norm(axis.point))):
+            # One image alone seldom tells the distance: there the tracker decides, with the echoes.
+            stereo = frame.rig.right is not None
+            if stereo and too_uncertain(covariance, float(np.linalg.norm(axis.point))):
                 return none
         else:
             solved = solve_by_technique(

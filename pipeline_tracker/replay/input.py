@@ -15,13 +15,19 @@ from pipeline_tracker import messages
 from pipeline_tracker.bags.reader import BagReader, BagRecord
 from pipeline_tracker.bags.topics import ReplayTopics, find_topics
 from pipeline_tracker.camera_info import calibration_of, is_rectified
+from pipeline_tracker.echoes import Echo, EchoBuffer
 from pipeline_tracker.errors import BagError, CalibrationError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.images import ImageError
-from pipeline_tracker.mounting import StaticTransforms, find_mounting, mounting_as_settings
+from pipeline_tracker.mounting import (
+    StaticTransforms,
+    find_beam,
+    find_mounting,
+    mounting_as_settings,
+)
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import replace_settings
@@ -63,6 +69,8 @@ class InputCounts:
     """What was read and what could not be used, by reason."""
 
     poses: int = 0
+    pings: int = 0
+    echoes: int = 0
     unused_poses: Counter[str] = field(default_factory=Counter)
     first_invalid_pose: str = ""
     unreadable: Counter[str] = field(default_factory=Counter)
@@ -108,8 +116,11 @@ class ReplayInput:
         self._images: StereoImages | None = self._calibrate()
         self._bad_calibration = ""
         self.left_frame = settings.frames.left_optical or self._left_frame()
-        found = find_mounting(settings, self._static_transforms(), self.left_frame)
+        transforms = self._static_transforms()
+        found = find_mounting(settings, transforms, self.left_frame)
         self.settings = _resolved(settings, self.topics, self.left_frame, found)
+        if self.topics.range:
+            self._take_beam(transforms)
         # From the rounded angles of the settings, so that these give the same run again.
         self.mounting = find_mounting(self.settings, StaticTransforms(), self.left_frame)
         self._sync: StereoSynchroniser[_Picture] = StereoSynchroniser(
@@ -119,8 +130,11 @@ class ReplayInput:
         self._newest: dict[str, int] = {}
         self._epoch = 0
         self._forget: Callable[[], None] = _nothing
+        self._echoes = EchoBuffer()
 
-    def frames(self, poses: PoseBuffer, forget: Callable[[], None]) -> Iterator[Frame]:
+    def frames(
+        self, poses: PoseBuffer, forget: Callable[[], None], echoes: EchoBuffer | None = None
+    ) -> Iterator[Frame]:
         """Yield one frame for each left image, in the order of their stamps.
 
         Before a frame is yielded, the poses up to its stamp and the one after it are in ``poses``;
@@ -130,21 +144,25 @@ class ReplayInput:
             poses: filled with the bag's poses.
             forget: called where the clocks of the bag were set back: all before is past, ``poses``
                 too.
+            echoes: filled with what the echo sounder heard.
 
         Raises:
             BagError: the bag is damaged, after all frames before the damage were yielded.
         """
         self._forget = forget
+        self._echoes = self._echoes if echoes is None else echoes
         topics = self.topics
         sides = {topics.left_image: "left", topics.right_image: "right"}
         infos = {topics.left_info: "left", topics.right_info: "right"}
-        names = {*sides, *infos, topics.pose} - {""}
+        names = {*sides, *infos, topics.pose, topics.range} - {""}
         try:
             for record in self._bag.records(names):
                 if record.topic in sides:
                     yield from self._take_image(record, sides[record.topic], poses)
                 elif record.topic == topics.pose:
                     yield from self._take_pose(record, poses)
+                elif record.topic == topics.range:
+                    yield from self._take_range(record, poses)
                 else:
                     yield from self._take_info(record, infos[record.topic], poses)
                 yield from self._ready(poses, record.log_ns)
@@ -186,6 +204,32 @@ class ReplayInput:
             self.counts.poses += 1
         else:
             self.counts.unused_poses["repeated or out of order"] += 1
+
+    def _take_beam(self, transforms: StaticTransforms) -> None:
+        """Find the beam, and put it into the settings."""
+        frame = str(self._bag.first(self.topics.range).header.frame_id)
+        origin, direction = find_beam(self.settings, transforms, frame)
+        beam = {
+            "altimeter.translation": origin.tolist(),
+            "altimeter.direction": direction.tolist(),
+        }
+        self.settings = replace_settings(self.settings, beam)
+        self._beam = find_beam(self.settings, StaticTransforms(), "")
+
+    def _take_range(self, record: BagRecord, poses: PoseBuffer) -> Iterator[Frame]:
+        try:
+            stamp, distance, half_angle, sigma = messages.range_from_message(record.unpack())
+        except BagError:
+            self.counts.unreadable[record.topic] += 1
+            return
+        yield from self._step_back("range", stamp, poses)
+        self.counts.pings += 1
+        echo = None
+        if distance is not None:
+            least = self.settings.altimeter.sigma
+            echo = Echo(stamp, *self._beam, distance, max(least, sigma), half_angle)
+            self.counts.echoes += 1
+        self._echoes.add(stamp, echo)
 
     def _take_info(self, record: BagRecord, side: str, poses: PoseBuffer) -> Iterator[Frame]:
         try:
@@ -236,6 +280,7 @@ class ReplayInput:
             assert outcome.left is not None  # noqa: S101 - others don't wait
             stamp = outcome.left.stamp_ns
             settled = not self.topics.pose or poses.settled(stamp)
+            settled = settled and (not self.topics.range or self._echoes.settled(stamp))
             overdue = log_ns is None or log_ns - since > patience
             if not (settled or overdue):
                 return
@@ -330,6 +375,7 @@ def _resolved(
         "topics.left_info": topics.left_info,
         "topics.right_info": topics.right_info,
         "topics.pose": topics.pose,
+        "topics.range": topics.range,
         "pose_type": topics.pose_type,
         "frames.left_optical": left_frame,
     }

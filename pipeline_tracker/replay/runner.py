@@ -16,6 +16,7 @@ from typing import Protocol, TextIO
 
 from pipeline_tracker import __version__
 from pipeline_tracker.bags.reader import BagReader
+from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.errors import BagError, PipelineTrackerError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
@@ -50,6 +51,7 @@ class PipelineLike(Protocol):
     """What a replay needs of the pipeline."""
 
     poses: PoseBuffer
+    echoes: EchoBuffer
 
     def process(
         self,
@@ -171,7 +173,9 @@ class _Run:
             _interrupt_between_frames() as interrupted,
         ):
             try:
-                frames = source.frames(poses, lambda: self._pipeline.reset(BACKWARD))
+                frames = source.frames(
+                    poses, lambda: self._pipeline.reset(BACKWARD), self._pipeline.echoes
+                )
                 for frame in _then(frames, lambda: source.rest(poses)):
                     self._take(frame, table, result)
                     progress.advance()

@@ -130,6 +130,7 @@ class ReplaySummary:
         lines += [f"  {line}" for line in self._about_times()]
         lines += [f"  {line}" for line in self._about_stretches()]
         lines += [f"  {line}" for line in self._about_poses(settings, counts)]
+        lines += [f"  {line}" for line in _about_echoes(settings, counts)]
         lines += [f"  {line}" for line in _about_input(counts)]
         lines.append(f"Written to {output}: estimates.csv (one row for each left image),")
         names = ", ".join(picture.name for picture in pictures)
@@ -237,6 +238,15 @@ class ReplaySummary:
             f"{look}do the lines lie on the pipe's edges? If not, check pipe.diameter, "
             "the calibration and the camera's mounting"
         )
+
+
+def _about_echoes(settings: Settings, counts: InputCounts) -> list[str]:
+    if settings.mode != "mono":
+        return []
+    if not counts.pings:
+        why = "the distance is known by the width of the pipe alone"
+        return [f"the bag has no echo sounder (altimeter/range): {why}"]
+    return [f"echo sounder: {counts.echoes} of {_count(counts.pings, 'ping')} with an echo"]
 
 
 def _about_input(counts: InputCounts) -> list[str]:

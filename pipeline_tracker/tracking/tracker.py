@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.acceptance import refusal, score, support_share, too_uncertain
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.candidate_votes import vote
+from pipeline_tracker.echoes import PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.travel import TravelDirection
 from pipeline_tracker.pipe_segment import (
@@ -26,6 +27,7 @@ from pipeline_tracker.settings import Settings
 from pipeline_tracker.support import Support, judge
 from pipeline_tracker.surface import SurfacePoints, triangulate
 from pipeline_tracker.tracking.candidates import best_candidate
+from pipeline_tracker.tracking.mono_follower import MonoFollower
 from pipeline_tracker.tracking.track import Track
 from pipeline_tracker.types import (
     Mode,
@@ -100,9 +102,15 @@ class Tracker:
         self._mounting = mounting
         self._recognition_only = recognition_only
         self._maker = SegmentMaker(settings, mounting)
+        self._mono = MonoFollower(settings, mounting)
         self._reset_counter = 0
         self._forget()
         self._open: _OpenFrame | None = None
+
+    @property
+    def _joint_fit(self) -> bool:
+        """Whether nobody asked for one of the paper's own techniques."""
+        return self._settings.recognition.technique in {"auto", 4}
 
     @property
     def reset_counter(self) -> int:
@@ -125,14 +133,18 @@ class Tracker:
         self._last: tuple[int, Pose] | None = None
         self._seen: tuple[int, Pose | None] | None = None
         self._travel = TravelDirection()
+        self._mono.forget()
         self._pending_reason = ""
 
-    def begin(self, frame: VectorizedStereo, pose: Pose | None) -> TrackedFrame | None:
+    def begin(
+        self, frame: VectorizedStereo, pose: Pose | None, echoes: Sequence[PlacedEcho] = ()
+    ) -> TrackedFrame | None:
         """Take in a frame and follow the pipe into it.
 
         Args:
             frame: the vectorized pair.
             pose: odom <- base_link at its stamp; None where it has none.
+            echoes: what the echo sounder heard since the frame before; used with one camera.
 
         Returns:
             What became of it, or None where a recognition of this very frame is needed;
@@ -146,6 +158,9 @@ class Tracker:
         start = time.perf_counter()
         if pose is not None and self._jumped(frame.stamp_ns, pose):
             self.reset(POSE_JUMP)
+            # Heard before the jump: nobody knows where.
+            echoes = ()
+        self._mono.hear(echoes)
         if pose is None:
             # Without a pose there is nothing to carry the pipe along: the track ends here.
             self._track = None
@@ -173,12 +188,16 @@ class Tracker:
             raise RuntimeError("no frame waits for a recognition; call begin first")
         start = time.perf_counter()
         opened, self._open = self._open, None
-        if recognition is not None and recognition.found:
-            return self._recognized(opened, recognition, opened.spent, start)
         reason = no_answer_reason if recognition is None else PIPE_NOT_FOUND
+        if recognition is not None and recognition.found:
+            accepted: PipeSegment | None = recognition
+            if opened.frame.rig.right is None and self._joint_fit:
+                accepted, reason = self._weighed(opened, recognition)
+            if accepted is not None:
+                return self._recognized(opened, accepted, opened.spent, start)
         if opened.pose is None and recognition is not None:
-            reason = f"{NO_POSE}, {PIPE_NOT_FOUND}"
-        elif opened.reason:
+            reason = f"{NO_POSE}, {reason}"
+        elif opened.reason and opened.reason != reason:
             reason = f"{opened.reason}, {reason}" if reason else opened.reason
         return self._lost(opened, reason, opened.spent + time.perf_counter() - start)
 
@@ -214,6 +233,8 @@ class Tracker:
             found = self._discrete(frame, surface, predicted, vertical)
             bears = self._bears(found) and support_share(found.support) >= _DISCRETE_SUPPORT
             return (found, "") if bears else (None, "too_little_contour")
+        if frame.rig.right is None:
+            return self._follow_mono(frame, predicted, pose)
         best: _Found | None = None
         reason = "fit_went_astray"
         for start in self._starts(frame, predicted, vertical):
@@ -231,6 +252,36 @@ class Tracker:
                 return found, ""
             reason = refused or "too_little_support"
         return None, reason
+
+    def _follow_mono(
+        self, frame: VectorizedStereo, predicted: Track, pose: Pose
+    ) -> tuple[_Found | None, str]:
+        found, covariance, reason = self._mono.fit(
+            frame, pose, predicted.axis, self._vertical(pose), predicted.prior()
+        )
+        if found is None or reason:
+            return None, reason
+        return _Found(found.fit.axis, covariance, found.support), ""
+
+    def _weighed(
+        self, opened: _OpenFrame, recognition: PipeSegment
+    ) -> tuple[PipeSegment | None, str]:
+        """Let the echoes have their say in what was recognised in one image; else why it is not."""
+        start = axis_of_segment(recognition, self._mounting)
+        found, covariance, reason = self._mono.fit(
+            opened.frame, opened.pose, start, self._vertical(None)
+        )
+        if found is None or reason:
+            return None, reason
+        segment = self._maker.make(
+            opened.frame,
+            found.fit.axis,
+            covariance,
+            found.support,
+            Mode.RECOGNITION,
+            recognition.technique,
+        )
+        return segment, ""
 
     def _bears(self, found: _Found) -> bool:
         return support_share(found.support) >= self._settings.tracking.min_support

@@ -225,3 +225,19 @@ def test_poses_that_are_equally_good_are_listed() -> None:
 def test_static_transforms() -> None:
     types = {**STEREO, "/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
     assert find(types).transforms == "/tf_static"
+
+
+RANGE = "sensor_msgs/msg/Range"
+
+
+def test_the_echo_sounder_is_looked_for_in_mono_only() -> None:
+    types = {**STEREO, "/altimeter/range": RANGE, "/ground_truth/range": RANGE}
+    assert find(types).range == ""
+    assert find(types, mode="mono").range == "/altimeter/range"
+    assert find(STEREO, mode="mono").range == ""
+    assert find({**STEREO, "/sonar": RANGE}, mode="mono", topics__range="sonar").range == "/sonar"
+
+
+def test_two_echo_sounders_are_not_guessed_between() -> None:
+    types = {**STEREO, "/front/range": RANGE, "/down/range": RANGE}
+    assert "--set topics.range=/down/range" in refusal(types, mode="mono")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
@@ -34,6 +35,7 @@ class StandIn:
     def __init__(self, settings: Settings, mounting: Pose, recognition_only: bool = False) -> None:
         self.settings, self.mounting, self.recognition_only = settings, mounting, recognition_only
         self.poses = PoseBuffer(settings.pose.max_gap)
+        self.echoes = EchoBuffer()
         self.calls: list[tuple[int, Pose | None]] = []
         self.rigs: list[StereoRig] = []
         self.unseen_pairs: list[UnseenPair] = []

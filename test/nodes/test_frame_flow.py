@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pipeline_tracker.echoes import Echo, PlacedEcho
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.nodes.frame_flow import ANSWER_WITHIN, BACKWARD, QUEUE, FrameFlow
@@ -40,10 +42,14 @@ class FakeTracker:
     reset_counter: int = 0
     begun: list[tuple[float, bool]] = field(default_factory=list)
     open: float | None = None
+    heard: list[float] = field(default_factory=list)
 
-    def begin(self, frame: VectorizedStereo, pose: Pose | None) -> TrackedFrame | None:
+    def begin(
+        self, frame: VectorizedStereo, pose: Pose | None, echoes: Sequence[PlacedEcho] = ()
+    ) -> TrackedFrame | None:
         assert self.open is None
         seconds = frame.stamp_ns / SECOND
+        self.heard += [placed.echo.stamp_ns / SECOND for placed in echoes]
         self.begun.append((seconds, pose is not None))
         if seconds in self.fails:
             raise RuntimeError("boom")
@@ -247,3 +253,51 @@ def test_another_calibration_is_a_reset() -> None:
     for seconds, rig in ((10.0, RIG), (11.0, other), (12.0, other)):
         desk.flow.add_frame(frame(seconds, rig))
     assert [status.reset_counter for status in desk.closed] == [0, 1, 1]
+
+
+def heard_at(seconds: float) -> tuple[int, Echo]:
+    stamp = round(seconds * SECOND)
+    return stamp, Echo(stamp, np.zeros(3), np.array([0.0, 0.0, -1.0]), 2.0, 0.03, 0.0)
+
+
+def test_a_frame_waits_for_its_echo_as_for_its_pose() -> None:
+    desk = Desk()
+    desk.pose(9.0)
+    desk.flow.add_ping(*heard_at(9.5))
+    desk.pose(10.0)
+    desk.flow.add_frame(frame(10.0))
+    assert desk.closed == []
+    desk.flow.add_ping(*heard_at(10.0))
+    assert desk.stamps == [10.0]
+    assert desk.tracker.heard == [9.5, 10.0]
+
+
+def test_a_lost_echo_is_waited_for_no_longer_than_a_pose() -> None:
+    desk = Desk()
+    desk.flow.add_ping(*heard_at(9.5))
+    desk.pose(9.0, 10.0)
+    desk.flow.add_frame(frame(10.0))
+    desk.go(0.15)
+    assert desk.closed == []
+    desk.go(0.1)
+    assert desk.stamps == [10.0]
+    assert desk.tracker.heard == [9.5]
+
+
+def test_a_ping_without_echo_settles_too_and_repeated_ones_are_counted() -> None:
+    desk = Desk()
+    desk.pose(9.0, 10.0)
+    desk.flow.add_ping(10 * SECOND, None)
+    desk.flow.add_frame(frame(10.0))
+    assert desk.stamps == [10.0]
+    assert desk.tracker.heard == []
+    desk.flow.add_ping(*heard_at(10.0))
+    assert desk.drops == ["range_late_or_repeated"]
+
+
+def test_a_silent_sounder_is_not_waited_for() -> None:
+    desk = Desk()
+    desk.flow.add_ping(*heard_at(1.0))
+    desk.pose(9.0, 10.0)
+    desk.flow.add_frame(frame(10.0))
+    assert desk.stamps == [10.0]

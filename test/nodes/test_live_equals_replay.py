@@ -36,6 +36,9 @@ SETTINGS = os.environ.get("PIPELINE_TRACKER_SET", "pipe.diameter=0.6").split()
 TOLERANCE = 1e-6
 # A frame is answered before the next one is sent: any machine holds that, and none is dropped.
 UNDER_WAY = 1
+# Pings of two seconds come at once here, and none may be lost.
+PINGS = "qos_overrides./altimeter/range.subscription"
+KEEP_PINGS = ["--ros-args", "-p", f"{PINGS}.reliability:=reliable", "-p", f"{PINGS}.depth:=1000"]
 SECOND = 1_000_000_000
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
@@ -123,6 +126,7 @@ class Feeder:
             topics.left_info: "stereo/left/camera_info",
             topics.right_info: "stereo/right/camera_info",
             topics.pose: "vnm/pose",
+            topics.range: "altimeter/range",
         }
         self.names = {name: live for name, live in wanted.items() if name}
         self.compressed = bag.topics[self.left].type_name == COMPRESSED
@@ -228,6 +232,7 @@ def test_live_equals_replay(bench: Any, replayed: Replayed, separate: bool) -> N
         arguments = ["run", "--config", str(replayed.file)]
         arguments += ["--set", f"image_transport={'compressed' if feeder.compressed else 'raw'}"]
         arguments += ["--separate"] if separate else []
+        arguments += KEEP_PINGS if replayed.settings.topics.range else []
         process = bench.process(f"from pipeline_tracker.cli import main; main({arguments!r})")
         process.wait_for(lambda text: text.count("]: ready") == 4, "all nodes are ready")
         feeder.connect()

@@ -1,0 +1,369 @@
+"""One camera: the axis from its contours, the known radius and the echo sounder (5.2).
+
+One image shows where the pipe is to the side, and only by the width of its strip how far away. The
+width is a poor witness: the foot of the pipe, the edge of its shadow and growth run along the
+contour and are taken for it. How well it is known is measured in the picture itself: from how
+widely edges that run along the pipe are spread about the contour. The echo sounder, where its beam
+meets the pipe, tells the distance without such doubt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fit_axis
+from pipeline_tracker.echoes import Echoes
+from pipeline_tracker.evidence import (
+    REFERENCE_WIDTH,
+    SPAN,
+    contour_rays,
+    distances_from_axis,
+    rays_to_axis,
+    unit_rays,
+)
+from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.pipe_segment import middle_of_view
+from pipeline_tracker.support import Support, contour_support
+from pipeline_tracker.types import Contours, VectorizedStereo
+
+Array = NDArray[np.float64]
+
+# A beam that passes the axis at more than this share of the radius may have met the bed.
+_HIT_SHARE = 0.7
+# Roughness of what the beam meets, m; and what the pipe may wander off the fitted curve, for each
+# metre along it from the middle of the view.
+_SURFACE, _WANDER = 0.005, 0.006
+# Echoes so far behind the middle of the view, m, say nothing of the pipe there.
+_BEHIND, _AHEAD = 6.0, 2.0
+_ECHO_WEIGHT = 0.5
+# Edges of this share of the radius on both sides of a contour could as well be it.
+_DOUBT, _LEAST_DOUBT = 0.2, 0.03
+# Where the echoes tell the distance, only edges within so many of its standard deviations.
+_DOUBT_SIGMAS = 2.5
+# The strongest gradient lies outside of the contour: the pipe's limb turns dark before it ends. Px
+# at 1200 px width, by rendered seas at 2 and at 4 m.
+_EDGE_OUTSIDE = 0.7
+# Standard deviation of a lone clean edge, px at 1200 px width, and the share of the spread of all
+# edges near it that is added.
+_CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
+# Echoes that make the distance known.
+LEAST_HITS = 3
+# A frame without a past, and the echoes alone: left, up, heading, pitch, bend left, bend up. What
+# lies on the bed bends little upward.
+_LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.012])
+_ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.012])
+_DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
+# Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
+_ASIDE = 0.02
+_STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, 1), (-1, -1), (1, -1))
+_SPREAD_COST, _ABOUT_AS_GOOD = 0.06, 0.06
+_USED = 0.2
+_WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
+_GATES = (10.0, 6.0, 4.0)
+
+# Share of each contour's visible length that must be borne by segments.
+LEAST_SHARE = 0.22
+_LEAST_MEAN_SHARE = 0.3
+# Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
+# no less than so many px of a small image.
+_MOST_SPREAD, _MOST_SPREAD_PX = 1.25, 0.8
+# Where the width alone tells the distance, edges further off are looked at, clutter among them.
+_MOST_SPREAD_ALONE = 3.0
+
+
+@dataclass(frozen=True)
+class MonoFit:
+    """An axis fitted to one image.
+
+    Attributes:
+        fit: the fit.
+        support: of its contours.
+        hits: number of echoes that met the pipe.
+        spread: see ``edge_spread``, of the worse contour.
+    """
+
+    fit: AxisFit
+    support: Support
+    hits: int
+    spread: float
+
+    @property
+    def clarity(self) -> float:
+        """How much edges are on the contours, and not beside them."""
+        least = min((contour.share for contour in self.support.contours), default=0.0)
+        return 0.5 * (self.support.contour_share + least) - _SPREAD_COST * self.spread
+
+
+def echo_hits(echoes: Echoes, axis: Axis, radius: float) -> tuple[Array, Array]:
+    """Return where the beam met the pipe, if the pipe lies along an axis.
+
+    The first echo counts: it comes from the place of the pipe that is nearest within the beam.
+
+    Args:
+        echoes: in the frame of the axis.
+        axis: the axis.
+        radius: m.
+
+    Returns:
+        Points (K, 3), m, of the echoes whose beam met it; standard deviations (K,), m.
+    """
+    if not len(echoes):
+        return np.zeros((0, 3)), np.zeros(0)
+    normals, distances = distances_from_axis(echoes.origins, axis)
+    towards = -normals
+    cosine = np.clip(np.einsum("ij,ij->i", echoes.directions, towards), -1.0, 1.0)
+    off = np.arccos(cosine)
+    turn = np.minimum(off, echoes.half_angles)
+    aside = towards - cosine[:, None] * echoes.directions
+    aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+    ways = np.cos(turn)[:, None] * echoes.directions + np.sin(turn)[:, None] * aside
+    # How far the ray passes the axis, in the section across it.
+    section = ways - np.einsum("ij,ij->i", ways, _tangents(echoes, axis))[:, None] * _tangents(
+        echoes, axis
+    )
+    section /= np.maximum(np.linalg.norm(section, axis=1), 1e-12)[:, None]
+    facing = np.einsum("ij,ij->i", section, towards)
+    miss = distances * np.sqrt(np.maximum(0.0, 1.0 - facing**2))
+    along = (echoes.origins - axis.point) @ axis.direction
+    met = (miss < _HIT_SHARE * radius) & (facing > 0.0) & (distances > radius)
+    met &= (along > -_BEHIND) & (along < _AHEAD)
+    points = echoes.origins + echoes.distances[:, None] * ways
+    sigmas = np.sqrt(echoes.sigmas**2 + _SURFACE**2 + (_WANDER * along) ** 2)
+    return points[met], sigmas[met]
+
+
+def _tangents(echoes: Echoes, axis: Axis) -> Array:
+    t = (echoes.origins - axis.point) @ axis.direction
+    tangents = axis.direction + t[:, None] * axis.bend
+    unit: Array = tangents / np.linalg.norm(tangents, axis=1)[:, None]
+    return unit
+
+
+def edge_spread(
+    frame: VectorizedStereo, axis: Axis, radius: float, doubt: float
+) -> tuple[float, float]:
+    """Measure how far edges along the pipe lie from its left and from its right contour.
+
+    Args:
+        frame: the vectorized image.
+        axis: the axis.
+        radius: m.
+        doubt: how far from the contour, as a share of the radius, edges are counted.
+
+    Returns:
+        Root of the mean square of their distances, weighted by length, px at 1200 px width; 0
+        where there are none. Where ``doubt`` is wide, 1.25 times the mean distance, the same for a
+        bell-shaped spread: a lone piece of clutter far off would rule a square.
+    """
+    camera = frame.rig.left
+    segments = frame.left_segments.astype(np.float64)
+    if not len(segments):
+        return 0.0, 0.0
+    measured = rays_to_axis(unit_rays(segments.reshape(-1, 2), camera), camera, axis)
+    scale = camera.fx / np.maximum(measured[:, 1], 0.05) * REFERENCE_WIDTH / camera.width
+    length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * REFERENCE_WIDTH / camera.width
+    aside = measured[:, 0].reshape(-1, 2)
+    off = (np.abs(aside) - radius) * scale.reshape(-1, 2)
+    seen = (measured[:, 1].reshape(-1, 2) > 0).all(axis=1)
+    seen &= (np.abs(measured[:, 2]).reshape(-1, 2) < SPAN).all(axis=1)
+    near = (np.abs(np.abs(aside) - radius) < doubt * radius).all(axis=1)
+    along = np.abs(off[:, 0] - off[:, 1]) < np.maximum(0.12 * length, 1.5)
+    spreads = []
+    for side in (-1.0, 1.0):
+        own = seen & near & along & (np.sign(aside) == side).all(axis=1)
+        weight = length[own]
+        total = max(float(weight.sum()), 1e-9)
+        if doubt < _DOUBT:
+            square = np.mean(off[own] ** 2, axis=1)
+            spreads.append(float(np.sqrt((weight * square).sum() / total)))
+        else:
+            mean = np.mean(np.abs(off[own]), axis=1)
+            spreads.append(1.25 * float((weight * mean).sum() / total))
+    return spreads[0], spreads[1]
+
+
+def fit_mono(
+    frame: VectorizedStereo,
+    start: Axis,
+    radius: float,
+    vertical: Array,
+    echoes: Echoes,
+    prior: Prior | None = None,
+) -> MonoFit | None:
+    """Fit the axis to its contours in one image and to the echoes that met it.
+
+    Args:
+        frame: the vectorized image.
+        start: rough axis, left optical frame.
+        radius: m.
+        vertical: unit vector up, left optical frame.
+        echoes: in the left optical frame.
+        prior: how well the start is known.
+
+    Returns:
+        The fit, its origin in the middle of the view; None where it went astray.
+    """
+    axis = start.moved(middle_of_view(start, frame.rig.left))
+    axis, doubt = _at_depth(axis, radius, vertical, echoes)
+    axis = axis.moved(middle_of_view(axis, frame.rig.left))
+    # What was gathered from a wrong depth is no prior for the right one.
+    task = _Task(frame, radius, vertical, echoes, _without_depth(prior, axis), doubt)
+    if doubt >= _DOUBT:
+        return task.fit_from(axis)
+    left, up = across(axis.direction, vertical)
+    rise = doubt / _DOUBT_SIGMAS * float(np.linalg.norm(axis.point))
+    found = []
+    for aside, climb in _STARTS:
+        point = axis.point + aside * _ASIDE * left + climb * rise * up
+        fitted = task.fit_from(Axis(point, axis.direction, axis.bend))
+        if fitted is not None:
+            found.append(fitted)
+    return _choose(found) if found else None
+
+
+def _choose(found: list[MonoFit]) -> MonoFit:
+    """Take the best of the fits, as sure as those that are about as good agree with it."""
+    best = max(found, key=lambda fitted: fitted.clarity)
+    covariance = best.fit.covariance.copy()
+    apart = np.zeros(4)
+    for other in found:
+        if other.clarity > best.clarity - _ABOUT_AS_GOOD:
+            off = other.fit.axis.point - best.fit.axis.point
+            off = off - best.fit.axis.direction * float(off @ best.fit.axis.direction)
+            turn = other.fit.axis.direction - best.fit.axis.direction
+            left, up = best.fit.left, best.fit.up
+            apart = np.maximum(apart, np.abs([off @ left, off @ up, turn @ left, turn @ up]))
+    covariance[:4, :4] += np.diag(np.square(apart))
+    return replace(best, fit=replace(best.fit, covariance=covariance))
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What all fits of a frame have in common."""
+
+    frame: VectorizedStereo
+    radius: float
+    vertical: Array
+    echoes: Echoes
+    prior: Prior
+    doubt: float
+
+    def fit_from(self, start: Axis) -> MonoFit | None:
+        """Fit from one start; None where it goes astray."""
+        frame, radius = self.frame, self.radius
+        axis = start
+        fit: AxisFit | None = None
+        for gate, widths in zip(_GATES, _WIDTHS, strict=True):
+            evidence = _evidence(frame, axis, radius, self.echoes, gate, self.doubt)
+            if len(evidence.rays) < 4:
+                return None
+            fit = fit_axis(axis, radius, evidence, self.vertical, self.prior, widths)
+            numbers = np.concatenate((fit.axis.point, fit.axis.direction, fit.axis.bend))
+            if not np.isfinite(numbers).all() or fit.axis.point[2] <= radius:
+                return None
+            axis = fit.axis.moved(middle_of_view(fit.axis, frame.rig.left))
+        if fit is None or float(axis.direction @ start.direction) < 0.9:
+            return None
+        return MonoFit(
+            fit=replace(fit, axis=axis),
+            support=Support(contour_support(frame, axis, radius), 0, 0.0, 0.0, 0.0),
+            hits=int(np.count_nonzero(fit.point_weights > _USED)),
+            spread=max(edge_spread(frame, axis, radius, self.doubt)),
+        )
+
+
+def _without_depth(prior: Prior | None, axis: Axis) -> Prior:
+    """Return the prior without what it says of the depth.
+
+    That came from the same echoes and the same edges: it would be counted anew in each frame.
+    """
+    if prior is None:
+        return Prior(axis, _LOOSE)
+    sigmas = _LOOSE.copy()
+    sigmas[[0, 2]] = prior.sigmas[[0, 2]]
+    return Prior(prior.axis, sigmas)
+
+
+def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tuple[Axis, float]:
+    """Move an axis to where the echoes say that the pipe is, in its own vertical plane.
+
+    The edges near a contour all look like one; only from about the right distance is the right one
+    the nearest.
+
+    Returns:
+        The axis, and how far from its contours, as a share of the radius, others could be it.
+    """
+    doubt = _DOUBT
+    for widths in _DEPTH_WIDTHS:
+        points, sigmas = echo_hits(echoes, axis, radius)
+        if len(points) < LEAST_HITS:
+            return axis, _DOUBT
+        none = np.zeros(0)
+        evidence = Evidence(
+            points, sigmas, np.zeros((0, 3)), np.zeros((0, 3)), none, none, none, _ECHO_WEIGHT
+        )
+        straight = Axis.straight(axis.point, axis.direction)
+        fit = fit_axis(straight, radius, evidence, vertical, Prior(straight, _ALONG_ECHOES), widths)
+        axis = fit.axis
+        sigma = float(np.sqrt(fit.covariance[1, 1])) / max(float(np.linalg.norm(axis.point)), 0.1)
+        doubt = float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
+    return axis, doubt
+
+
+def _evidence(
+    frame: VectorizedStereo,
+    axis: Axis,
+    radius: float,
+    echoes: Echoes,
+    gate: float,
+    doubt: float,
+) -> Evidence:
+    camera = frame.rig.left
+    scale = camera.width / REFERENCE_WIDTH
+    rays, sides, weights = contour_rays(
+        frame.left_segments, camera, axis, radius, max(gate * scale, 2.0)
+    )
+    sigmas = np.empty(len(rays))
+    for side, spread in zip((-1.0, 1.0), edge_spread(frame, axis, radius, doubt), strict=True):
+        own = sides == side
+        # All edges of one side are one sight of the contour: they are off together.
+        weights[own] /= max(float(weights[own].sum()), 1.0)
+        sigmas[own] = max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread) * scale, 0.5) / camera.fx
+    rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
+    points, point_sigmas = echo_hits(echoes, axis, radius)
+    return Evidence(
+        points=points,
+        point_sigmas=point_sigmas,
+        rays=rays,
+        origins=np.broadcast_to(camera.centre, rays.shape),
+        sides=sides,
+        ray_sigmas=sigmas,
+        ray_weights=weights,
+        point_weight=_ECHO_WEIGHT,
+    )
+
+
+def _inward(rays: Array, sides: Array, axis: Axis, angle: float) -> Array:
+    """Turn rays of contours towards the axis."""
+    right = np.cross(rays, axis.direction)
+    right /= np.maximum(np.linalg.norm(right, axis=1), 1e-9)[:, None]
+    turned = rays - (sides * angle)[:, None] * right
+    unit: Array = turned / np.linalg.norm(turned, axis=1)[:, None]
+    return unit
+
+
+def mono_refusal(found: MonoFit, camera: Camera) -> str:
+    """Return why one image does not bear a pipe; empty where it does."""
+    shares = {contour.bit: contour.share for contour in found.support.contours}
+    if set(shares) != {Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT}:
+        return "one_contour_only"
+    if min(shares.values()) < LEAST_SHARE:
+        return "one_contour_only" if max(shares.values()) >= LEAST_SHARE else "too_little_contour"
+    if found.support.contour_share < _LEAST_MEAN_SHARE:
+        return "too_little_contour"
+    wide = _MOST_SPREAD if found.hits >= LEAST_HITS else _MOST_SPREAD_ALONE
+    most = max(wide, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
+    return "contours_not_clear" if found.spread > most else ""

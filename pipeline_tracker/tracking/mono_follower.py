@@ -1,0 +1,75 @@
+"""One camera: echoes of the way behind and the contours of this image, put together (5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.acceptance import too_uncertain
+from pipeline_tracker.axis_fit import Axis, Prior
+from pipeline_tracker.echoes import PlacedEcho
+from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.mono import MonoFit, fit_mono, mono_refusal
+from pipeline_tracker.pipe_segment import published_covariance
+from pipeline_tracker.settings import Settings
+from pipeline_tracker.tracking.echo_trail import EchoTrail
+from pipeline_tracker.types import VectorizedStereo
+
+Array = NDArray[np.float64]
+
+
+class MonoFollower:
+    """Fits and judges the frames of one camera; keeps the echoes that help it."""
+
+    def __init__(self, settings: Settings, mounting: Pose) -> None:
+        """Start without echoes.
+
+        Args:
+            settings: the pipe's radius and ``altimeter.max_age`` are used.
+            mounting: base_link <- left optical frame.
+        """
+        self._radius = settings.radius
+        self._to_optical = mounting.inverse()
+        self._trail = EchoTrail(settings.altimeter.max_age)
+
+    def hear(self, echoes: Sequence[PlacedEcho]) -> None:
+        """Take in what was heard since the last frame."""
+        self._trail.add(echoes)
+
+    def forget(self) -> None:
+        """Forget all echoes."""
+        self._trail.clear()
+
+    def fit(
+        self,
+        frame: VectorizedStereo,
+        pose: Pose | None,
+        start: Axis,
+        vertical: Array,
+        prior: Prior | None = None,
+    ) -> tuple[MonoFit | None, Array, str]:
+        """Fit the axis in a frame and say whether the image bears it.
+
+        Args:
+            frame: the vectorized image.
+            pose: odom <- base_link at its stamp, or None.
+            start: rough axis, left optical frame.
+            vertical: unit vector up, left optical frame.
+            prior: how well the start is known.
+
+        Returns:
+            The fit (None where it went astray), its covariance as published, 4 x 4, and why it is
+            refused (empty where it is not).
+        """
+        echoes = self._trail.around(frame.stamp_ns, pose).seen_from(self._to_optical)
+        found = fit_mono(frame, start, self._radius, vertical, echoes, prior)
+        if found is None:
+            return None, np.zeros((4, 4)), "fit_went_astray"
+        covariance = published_covariance(found.fit, found.support)
+        reason = mono_refusal(found, frame.rig.left)
+        distance = float(np.linalg.norm(found.fit.axis.point))
+        if not reason and too_uncertain(covariance, distance):
+            reason = "too_uncertain"
+        return found, covariance, reason
