@@ -131,6 +131,17 @@ def play(
 
 
 @app.command()
+def info(
+    bag: _Bag,
+    config: _Config = None,
+    settings: _Set = None,
+    json_: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> Task:
+    """Tell what is in a bag, what a replay would use of it and what is missing."""
+    return partial(_info, bag, config, list(settings or []), as_json=json_)
+
+
+@app.command()
 def salvage(
     bag: _Bag,
     output: Annotated[
@@ -389,6 +400,24 @@ def _play(bag: Path, rate: float, loop: bool, ros_args: list[str]) -> int:
     from pipeline_tracker.nodes.player import play
 
     return play(bag, rate, loop, ros_args)
+
+
+def _info(bag: Path, config: Path | None, overrides: list[str], *, as_json: bool) -> int:
+    import json
+
+    from pipeline_tracker.errors import SettingsError
+    from pipeline_tracker.replay.bag_info import bag_info
+    from pipeline_tracker.settings_io import load_settings
+
+    has_diameter = True
+    try:
+        settings = load_settings(config, overrides)
+    except SettingsError:
+        # A bag can be looked into without it; a replay could not do.
+        has_diameter = False
+        settings = load_settings(config, overrides, {"pipe.diameter": 1.0})
+    found = bag_info(bag, settings, has_diameter=has_diameter)
+    return _say(json.dumps(found.as_json(), indent=2) if as_json else found.in_words())
 
 
 def _salvage(bag: Path, output: Path) -> int:

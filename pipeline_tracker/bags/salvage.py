@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pipeline_tracker.bags.definitions import TopicKind, topic_kind
 from pipeline_tracker.bags.fresh import fresh_bag
-from pipeline_tracker.bags.scan import RecordScan
+from pipeline_tracker.bags.scan import RecordScan, printable
 from pipeline_tracker.errors import BagError
 
 # Later times cannot be written to a bag.
@@ -168,12 +168,12 @@ class _File:
         try:
             return topic_kind(channel, self._schemas.get(channel.schema_id))
         except BagError as error:
-            self._work.note(f"{self._path.name}: {_shown(channel.topic)} left out, {error}")
+            self._work.note(f"{self._path.name}: {printable(channel.topic)} left out, {error}")
             return None
 
     def _name(self, identity: int) -> str:
         channel = self._channels.get(identity)
-        return "(topic not known)" if channel is None else _shown(channel.topic)
+        return "(topic not known)" if channel is None else printable(channel.topic)
 
     def _put(self, writer: Writer, message: Message) -> None:
         kind = self._kinds.get(message.channel_id)
@@ -219,13 +219,8 @@ def _counts_of_metadata(path: Path) -> Counter[str] | None:
         topics = content["rosbag2_bagfile_information"]["topics_with_message_count"]
         counts: Counter[str] = Counter()
         for topic in topics:
-            name = _shown(str(topic["topic_metadata"]["name"]))
+            name = printable(str(topic["topic_metadata"]["name"]))
             counts[name] += max(0, int(topic["message_count"]))
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         return None
     return counts
-
-
-def _shown(name: str) -> str:
-    # What a damaged bag says may hold anything, terminal commands too.
-    return "".join(c if c.isprintable() else "?" for c in name)[:255]

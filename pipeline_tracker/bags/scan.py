@@ -208,3 +208,8 @@ class RecordScan:
     def _read(self, place: int, length: int) -> bytes:
         self._stream.seek(place)
         return self._stream.read(length)
+
+
+def printable(text: str) -> str:
+    """Return a name that a bag gives, without what would command a terminal, 255 characters."""
+    return "".join(c if c.isprintable() else "?" for c in text)[:255]

@@ -132,6 +132,11 @@ class ReplayInput:
         self._forget: Callable[[], None] = _nothing
         self._echoes = EchoBuffer()
 
+    @property
+    def rig(self) -> StereoRig | None:
+        """The cameras by the newest calibration; None where that is impossible."""
+        return None if self._images is None else self._images.rig
+
     def frames(
         self, poses: PoseBuffer, forget: Callable[[], None], echoes: EchoBuffer | None = None
     ) -> Iterator[Frame]:
