@@ -21,6 +21,7 @@ from pipeline_tracker.errors import PipelineTrackerError
 
 DONE, NEVER_FOUND, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SOME_FAILED = 1
+TOO_SLOW = 1
 _MOST_JOBS = 256
 
 Task = Callable[[], int]
@@ -249,6 +250,35 @@ def benchmark(
 
 
 @app.command()
+def limits(
+    altitude: Annotated[
+        str, typer.Option("--altitude", metavar="M", help="Height of the camera above the pipe.")
+    ] = "2",
+    angle: Annotated[
+        str, typer.Option("--angle", metavar="DEG", help="Angle of view along the pipe.")
+    ] = "60",
+    tilt: Annotated[
+        str, typer.Option("--tilt", metavar="DEG", help="Tilt of the camera from straight down.")
+    ] = "0",
+    overlap: Annotated[
+        str, typer.Option("--overlap", metavar="P", help="Share of an image seen again.")
+    ] = "0.7",
+    speed: Annotated[str, typer.Option("--speed", metavar="M/S", help="Of the vehicle.")] = "1",
+    time: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--time", metavar="MS", help="What a frame takes; exit 1 if it is too long."),
+    ] = None,
+) -> Task:
+    """Tell how fast it must be for a planned dive: the condition t1 <= t2 of 5.3.1."""
+    given = {"altitude": altitude, "angle": angle, "tilt": tilt, "overlap": overlap, "speed": speed}
+    numbers = {name: _number(f"--{name}", text, float) for name, text in given.items()}
+    spent = None if time is None else _number("--time", time, float) / 1e3
+    if spent is not None and not 0.0 < spent < 1e6:
+        raise _UsageError(f"--time {time}: expected milliseconds above 0")
+    return partial(_limits, numbers, spent)
+
+
+@app.command()
 def bench(
     json_file: Annotated[
         Optional[Path],  # noqa: UP045
@@ -467,6 +497,15 @@ def _benchmark(
             INTERRUPTED,
         )
     return DONE if outcome.whole else SOME_FAILED
+
+
+def _limits(numbers: dict[str, float], spent: float | None) -> int:
+    from pipeline_tracker.limits import Plan
+
+    plan = Plan(**numbers)
+    plan.check()
+    _say(plan.in_words(spent))
+    return TOO_SLOW if spent is not None and spent > plan.time else DONE
 
 
 def _bench(

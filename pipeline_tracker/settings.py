@@ -189,6 +189,12 @@ class MotionSettings(Section):
     min_speed: float = _setting(
         0.05, "A slower vehicle has no direction of motion: its own axis is used", unit="m/s", ge=0
     )
+    min_overlap: float = _setting(
+        0.3,
+        "A warning where the next image shows less of the pipe in view again (5.3.1)",
+        ge=0,
+        lt=1,
+    )
 
 
 class SegmentSettings(Section):

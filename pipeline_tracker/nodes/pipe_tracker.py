@@ -119,6 +119,8 @@ class PipeTracker(MountedNode):
         self._request_out.publish(header_message(self.messages, stamp_ns, self._optical))
 
     def _publish(self, tracked: TrackedFrame) -> None:
+        for warning in tracked.warnings:
+            self.get_logger().warning(warning)
         if tracked.segment is not None:
             self._segment_out.publish(
                 segment_message(self.messages, tracked.segment, self._base_link)

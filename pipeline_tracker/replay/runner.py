@@ -216,6 +216,7 @@ class _Run:
         row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
         table.write(frame.epoch, row)
         self.summary.add(row, has_pose=pose is not None)
+        self.summary.add_watched(done.tracked.overlap, done.tracked.warnings)
         vectorization = 1e3 * done.vectorized.processing_time
         self.summary.add_times(
             vectorization / (1 if frame.right is None else 2),

@@ -52,6 +52,8 @@ class ReplaySummary:
     stretches: list[Stretch] = field(default_factory=list)
     further_stretches: int = 0
     distance_along: float = 0.0
+    warnings: list[str] = field(default_factory=list)
+    least_overlap: float | None = None
     interrupted: bool = False
     seconds: float = 0.0
     _times: dict[str, deque[float]] = field(default_factory=dict)
@@ -85,6 +87,13 @@ class ReplaySummary:
             return
         reason = row.get("reason", "") or "no reason given"
         self._miss(stamp, reason)
+
+    def add_watched(self, overlap: float | None, warnings: tuple[str, ...]) -> None:
+        """Take in what was watched over: overlap with the frame before (5.3.1), and warnings."""
+        self.warnings += warnings
+        if overlap is not None:
+            least = overlap if self.least_overlap is None else self.least_overlap
+            self.least_overlap = min(least, overlap)
 
     def add_times(self, vectorization_ms: float, rest_ms: float, mode: str) -> None:
         """Take in what a frame took.
@@ -128,6 +137,7 @@ class ReplaySummary:
         lines = [self._headline(bag)]
         lines += [f"  {line}" for line in self._about_states()]
         lines += [f"  {line}" for line in self._about_times()]
+        lines += [f"  warning: {line}" for line in self.warnings]
         lines += [f"  {line}" for line in self._about_stretches()]
         lines += [f"  {line}" for line in self._about_poses(settings, counts)]
         lines += [f"  {line}" for line in _about_echoes(settings, counts)]
@@ -161,7 +171,10 @@ class ReplaySummary:
                 f"{self.modes['recognition']}"
             )
         if self.distance_along > 0.0:
-            lines.append(f"followed over {self.distance_along:.2f} m of pipe")
+            along = f"followed over {self.distance_along:.2f} m of pipe"
+            if self.least_overlap is not None:
+                along += f", overlap of images at least {self.least_overlap:.2f}"
+            lines.append(along)
         return lines
 
     def _about_times(self) -> list[str]:

@@ -13,8 +13,10 @@ from pipeline_tracker.acceptance import refusal, score, support_share, too_uncer
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.candidate_votes import vote
 from pipeline_tracker.echoes import PlacedEcho
+from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.travel import TravelDirection
+from pipeline_tracker.limits import OverlapWatch
 from pipeline_tracker.pipe_segment import (
     SegmentMaker,
     axis_of_segment,
@@ -61,10 +63,15 @@ class TrackedFrame:
     Attributes:
         status: state and reason.
         segment: the axis, tracked or coasted; None while searching.
+        overlap: share of the pipe in view that the frame before showed too (5.3.1); None where it
+            is not known.
+        warnings: what the user should know, each told once.
     """
 
     status: TrackingStatus
     segment: PipeSegment | None
+    overlap: float | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,8 @@ class Tracker:
         self._recognition_only = recognition_only
         self._maker = SegmentMaker(settings, mounting)
         self._mono = MonoFollower(settings, mounting)
+        self._to_optical = mounting.inverse()
+        self._overlap = OverlapWatch(settings.motion.min_overlap)
         self._reset_counter = 0
         self._forget()
         self._open: _OpenFrame | None = None
@@ -343,12 +352,19 @@ class Tracker:
                 frame, triangulate(frame.matches, frame.rig), axis, self._settings.radius
             )
         segment = self._maker.make(frame, axis, covariance, support, Mode.TRACKING, 0)
-        return self._keep(Track(axis, covariance, pose, frame.stamp_ns), segment, "", spent)
+        track = Track(axis, covariance, pose, frame.stamp_ns)
+        return self._keep(track, segment, "", spent, frame.rig.left)
 
     def _keep(
-        self, track: Track | None, segment: PipeSegment, reason: str, spent: float
+        self,
+        track: Track | None,
+        segment: PipeSegment,
+        reason: str,
+        spent: float,
+        camera: Camera,
     ) -> TrackedFrame:
         """Close a frame in which the pipe was seen."""
+        overlap, warning = self._overlap_of(track, camera)
         self._track = track
         self._seen = (segment.stamp_ns, None if track is None else track.pose)
         self._last = None if track is None else (track.stamp_ns, track.pose)
@@ -362,7 +378,18 @@ class Tracker:
             self._reset_counter,
             spent,
         )
-        return TrackedFrame(status, segment)
+        return TrackedFrame(status, segment, overlap, (warning,) if warning else ())
+
+    def _overlap_of(self, track: Track | None, camera: Camera) -> tuple[float | None, str]:
+        """How much of the pipe in view the frame before showed too, and what to say of it."""
+        if track is None or self._last is None or track.stamp_ns <= self._last[0]:
+            return None, ""
+        moved = self._to_optical.rotate(
+            track.pose.rotation.T @ (track.pose.translation - self._last[1].translation)
+        )
+        way = float(moved @ track.axis.direction)
+        seconds = (track.stamp_ns - self._last[0]) / _SECOND_NS
+        return self._overlap.see(track.axis.point, track.axis.direction, way, seconds, camera)
 
     def _recognized(
         self, opened: _OpenFrame, recognition: PipeSegment, spent: float, start: float
@@ -382,7 +409,8 @@ class Tracker:
         if pose is not None and not self._recognition_only:
             track = Track(axis, covariance, pose, opened.frame.stamp_ns)
         reason = NO_POSE if pose is None else self._pending_reason
-        closed = self._keep(track, segment, reason, spent + time.perf_counter() - start)
+        spent += time.perf_counter() - start
+        closed = self._keep(track, segment, reason, spent, opened.frame.rig.left)
         if pose is not None:
             self._last = (opened.frame.stamp_ns, pose)
         return closed
