@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from typing_extensions import Self
 
+from pipeline_tracker.bags.bounds import bound_unpacking, check_chunks
 from pipeline_tracker.bags.typestore import our_typestore
 from pipeline_tracker.errors import BagError, PipelineTrackerError
 
@@ -26,6 +27,8 @@ _STORAGES = (".mcap", ".db3")
 _EXPECTED = "expected a bag: a directory with metadata.yaml, or a .mcap or .db3 file"
 # What rosbags says of a file whose end is missing.
 _TRUNCATED = ("end magic", "truncated", "footer", "unpack requires", "argument must be")
+
+bound_unpacking()
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ class BagReader:
                     reader = AnyReader([paths], default_typestore=our_typestore())
                     self._stack.enter_context(reader)
                     self._readers.append(reader)
+                self._check_chunks(reader)
             self._readers.sort(key=lambda reader: reader.start_time)
             self._list_topics()
         except BaseException:
@@ -190,6 +194,14 @@ class BagReader:
             if item is None:
                 return
             yield item
+
+    def _check_chunks(self, reader: AnyReader) -> None:
+        try:
+            check_chunks(reader)
+        except BagError as error:
+            raise BagError(
+                f"{self.path}: the bag is damaged ({error}); {self._salvage()}"
+            ) from None
 
     def _list_topics(self) -> None:
         counts: Counter[str] = Counter()

@@ -182,6 +182,7 @@ def _look(reader: BagReader, settings: Settings, info: BagInfo) -> None:
         "topics.right_info": topics.right_info or None,
         "topics.pose": topics.pose or None,
         "pose_type": topics.pose_type,
+        "topics.range": topics.range or None,
         "image size": [rig.left.width, rig.left.height],
         "focal length": [rig.left.fx, rig.left.fy],
         "baseline": rig.baseline if topics.right_image else None,
