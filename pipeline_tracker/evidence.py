@@ -15,6 +15,8 @@ from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.jit import compiled
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import Float32Array, VectorizedStereo
+from pipeline_tracker.vectorization.patch_alignment import patch_variance
+from pipeline_tracker.vectorization.working_size import working_factor
 
 Array = NDArray[np.float64]
 
@@ -23,8 +25,12 @@ ROUGHNESS = 0.003
 # The face is taken up to this share of the radius to each side; nearer to the contour a patch
 # holds pipe and bed at once.
 FACE_SHARE = 0.9
-# A patch that reaches over the contour holds bed too: so far from it, px at 1200 px width.
+# A patch that reaches over the contour holds bed too: so far from it, px at the working size.
 _BORDER = 10.0
+# Mean square of a patch's reach, px² at the working size, and the least squared cosine of the angle
+# at which the pipe's round is looked at (near the contour it is not a parabola).
+_PATCH_VARIANCE = patch_variance()
+_LEAST_FACING = 0.1
 # Patches on the fine grid overlap and err alike: three of them count as two.
 _POINT_WEIGHT = 0.65
 # Only so much of the axis to each side of the middle is fitted, m: one bend describes no more of a
@@ -148,7 +154,7 @@ def on_face(
     """
     measured = rays_to_axis(surface.rays, camera, axis)
     limb = np.maximum(radius * share, 0.0)
-    border = _BORDER * _scale(camera) * measured[:, 1] / camera.fx
+    border = _BORDER * working_factor(camera.width) * measured[:, 1] / camera.fx
     margin = np.minimum(radius - border, limb)
     mask: NDArray[np.bool_] = (
         (np.abs(measured[:, 0]) < margin) & (measured[:, 1] > 0.0) & (np.abs(measured[:, 2]) < SPAN)
@@ -158,6 +164,29 @@ def on_face(
 
 def _scale(camera: Camera) -> float:
     return max(1.0, camera.width / REFERENCE_WIDTH)
+
+
+def without_sag(surface: SurfacePoints, camera: Camera, axis: Axis, radius: float) -> SurfacePoints:
+    """Put points on the pipe's face to where its surface is.
+
+    A patch is matched as a plane. Over the round of the pipe that plane lies deeper than the
+    surface at the patch's middle, by half the curvature times the mean square of its reach: 0.1 cm
+    for 0.6 m of pipe 4 m from a camera of 900 px focal length, and more with fewer pixels.
+
+    Args:
+        surface: points on the face.
+        camera: the left one.
+        axis: near which the points lie.
+        radius: m.
+    """
+    if not len(surface.points):
+        return surface
+    aside = rays_to_axis(surface.rays, camera, axis)[:, 0]
+    facing = np.maximum(1.0 - np.square(aside / radius), _LEAST_FACING)
+    pixels = surface.points[:, 2] * working_factor(camera.width) / camera.fx
+    sag = 0.5 * _PATCH_VARIANCE * np.square(pixels) / (radius * facing)
+    normals, _ = distances_from_axis(surface.points, axis)
+    return replace(surface, points=surface.points + sag[:, None] * normals)
 
 
 def point_sigmas(surface: SurfacePoints, axis: Axis) -> Array:
@@ -211,7 +240,7 @@ def exposed_points(
     count = int(2.0 * SPAN / _SECTION) + 1
     section = np.clip(((measured[:, 2] + SPAN) / _SECTION).astype(np.int64), 0, count - 1)
     face = on_face(surface, camera, axis, radius)
-    part = surface.subset(face)
+    part = without_sag(surface.subset(face), camera, axis, radius)
     _, distance = distances_from_axis(part.points, axis)
     on = np.abs(distance - radius) < _ON_FACE * point_sigmas(part, axis)
     all_points = np.bincount(section[face], minlength=count)
@@ -286,6 +315,7 @@ def gather(
     face = surface.subset(on_face(surface, camera, axis, radius))
     if not face.tells_shape(radius):
         face = face.subset(np.zeros(len(face.points), np.bool_))
+    face = without_sag(face, camera, axis, radius)
     rays, origins, sides, weights, sigmas = [], [], [], [], []
     segments = (frame.left_segments, frame.right_segments)
     for view, found in zip(frame.rig.cameras, segments, strict=False):

@@ -18,6 +18,7 @@ from pipeline_tracker.evidence import (
     on_face,
     point_sigmas,
     rays_to_axis,
+    without_sag,
 )
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.cylinder import clip_line_to_view, visible_generatrices
@@ -263,6 +264,7 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     if not face.tells_shape(radius):
         return alone
     plane = _plane_cost(face.points, face.depth_sigmas, face.rays)
+    face = without_sag(face, frame.rig.left, axis, radius)
     support = _face_support(contours, face, axis, radius, plane)
     if support.face_share < _OTHER_SCALE_SHARE and _all_clear(contours):
         # Four clear contours, and a surface of the right shape at another distance: diameter and

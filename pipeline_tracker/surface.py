@@ -10,12 +10,12 @@ from scipy.spatial import cKDTree
 
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.types import Float32Array
+from pipeline_tracker.vectorization.working_size import working_factor
 
 Array = NDArray[np.float64]
 
-# Standard deviation of a match's disparity, px of an image of at most WORKING_WIDTH.
+# Standard deviation of a match's disparity, px of an image at its working size.
 DISPARITY_SIGMA = 0.1
-WORKING_WIDTH = 1600
 # Disparities of neighbours differ by the noise and by the relief of the bed: up to this, px, on
 # rendered beds. More means poor matches (no texture, a pair that is not well rectified).
 _RELIEF = 0.45
@@ -73,7 +73,7 @@ def disparity_sigma(matches: Array, width: int) -> float:
         matches: (N, 4), x_left y_left x_right y_right, px.
         width: of the image, px.
     """
-    scale = max(1.0, width / WORKING_WIDTH)
+    scale = float(working_factor(width))
     if len(matches) < _LEAST_MATCHES:
         return DISPARITY_SIGMA * scale
     places = matches[:, :2]

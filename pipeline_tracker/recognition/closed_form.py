@@ -14,6 +14,7 @@ from pipeline_tracker.evidence import (
     on_face,
     point_sigmas,
     rays_to_axis,
+    without_sag,
 )
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
@@ -249,6 +250,7 @@ def _by_surface(
     face = face.subset(near) if near.sum() >= LEAST_FACE_POINTS else face
     if len(face.points) < LEAST_FACE_POINTS:
         return None
+    face = without_sag(face, camera, known, radius)
     sigmas = point_sigmas(face, known)
     direction = _direction_of_surface(face, sigmas, known, radius, vertical)
     if direction is None:

@@ -26,6 +26,13 @@ _FARTHEST, _STEEPEST = 1.5, 0.6
 _PULL = 1e-3
 
 
+def patch_variance() -> float:
+    """Return how far from its middle a patch looks: weighted mean square along one side, px²."""
+    off = np.arange(-_HALF, _HALF + 1)
+    weights = patch_weights()[_HALF].astype(np.float64)
+    return float(weights @ np.square(off) / weights.sum())
+
+
 def patch_weights() -> Float32Array:
     """Return the weights of a patch's pixels for ``align_patch``, (17, 17) float32."""
     off = np.arange(-_HALF, _HALF + 1, dtype=np.float32)

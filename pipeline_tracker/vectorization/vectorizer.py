@@ -19,14 +19,12 @@ from pipeline_tracker.vectorization.segments import (
     to_full_size,
 )
 from pipeline_tracker.vectorization.stereo_matching import match_pair
+from pipeline_tracker.vectorization.working_size import working_factor
 from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 
-# Larger images are first shrunk by a whole factor to at most this width: the sea blurs more than
-# that, and every later step is then alike for all cameras.
-_WORKING_WIDTH = 1600
 _REFERENCE_WIDTH = 1200
 _COARSEST_WIDTH = 220
 _COARSE_MIN_LENGTH = 10.0
@@ -85,7 +83,7 @@ class Vectorizer:
 
     def _segments(self, image: Image, unseen: Unseen | None) -> Float32Array:
         """Segments at the working size, at half of it and so on: coarse edges survive fouling."""
-        factor = _working_factor(image.shape[1])
+        factor = working_factor(image.shape[1])
         even = equalize(shrink(image, factor), workspace=self._workspace)
         scale = even.shape[1] / _REFERENCE_WIDTH
         min_length = max(6.0, self._settings.min_length * min(1.0, scale))
@@ -109,7 +107,7 @@ class Vectorizer:
     def _matches(
         self, left: Image, right: Image, segments: Float32Array, unseen: UnseenPair
     ) -> Float32Array:
-        factor = _working_factor(left.shape[1])
+        factor = working_factor(left.shape[1])
         small_left, small_right = shrink(left, factor), shrink(right, factor)
         scale = small_left.shape[1] / _REFERENCE_WIDTH
         spacing = max(6, round(self._settings.match_spacing * scale))
@@ -128,10 +126,6 @@ def _read_only(image: Image) -> Image:
     view = np.ascontiguousarray(image).view()
     view.flags.writeable = False
     return view
-
-
-def _working_factor(width: int) -> int:
-    return max(1, -(-width // _WORKING_WIDTH))
 
 
 def thumbnail(image: Image) -> Image:
