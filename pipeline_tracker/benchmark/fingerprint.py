@@ -17,6 +17,7 @@ from pipeline_tracker.resources import message_directory
 # from them, and all values of a scenario are in its hash.
 SIMULATOR = (
     "bags",
+    "camera_info.py",
     "errors.py",
     "geometry",
     "jit.py",
