@@ -25,6 +25,8 @@ from pipeline_tracker.errors import BagError, PipelineTrackerError
 
 _STORAGES = (".mcap", ".db3")
 _EXPECTED = "expected a bag: a directory with metadata.yaml, or a .mcap or .db3 file"
+# Descriptions of types that mcap files may have, and that are not of ROS 2.
+_FOREIGN = ("protobuf", "flatbuffer", "jsonschema", "ros1msg")
 # What rosbags says of a file whose end is missing.
 _TRUNCATED = ("end magic", "truncated", "footer", "unpack requires", "argument must be")
 
@@ -159,6 +161,7 @@ class BagReader:
             wanted = [c for c in reader.connections if c.topic in topics]
             if not wanted:
                 continue
+            self._check_encoding(wanted)
             for connection, log_ns, raw in self._guarded(reader, wanted):
                 counts[connection.topic] += 1
                 yield BagRecord(connection.topic, connection.msgtype, log_ns, raw, reader)
@@ -194,6 +197,15 @@ class BagReader:
             if item is None:
                 return
             yield item
+
+    def _check_encoding(self, connections: list[Connection]) -> None:
+        for connection in connections:
+            encoding = getattr(connection.ext, "serialization_format", "cdr")
+            if encoding != "cdr":
+                raise BagError(
+                    f"{self.path}: {connection.topic} is encoded as {encoding[:40]!r}, expected "
+                    "'cdr' as ROS 2 records it; convert the bag"
+                )
 
     def _check_chunks(self, reader: AnyReader) -> None:
         try:
@@ -236,6 +248,11 @@ class BagReader:
             return f"{self.path}: not a bag ({described}); {_EXPECTED}"
         if any(word in low for word in ("profile is not", "not supported", "unrecognized")):
             return f"{self.path}: a bag of another kind ({described}); expected a ROS 2 bag"
+        if isinstance(error, KeyError) and opening and error.args and error.args[0] in _FOREIGN:
+            return (
+                f"{self.path}: its types are described by {described.split()[-1]}, expected "
+                "ros2msg or ros2idl; convert the bag"
+            )
         if "are missing" in low:
             return f"{self.path}: {described}; copy the whole directory"
         if opening and any(word in low for word in _TRUNCATED):

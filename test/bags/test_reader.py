@@ -300,3 +300,24 @@ def test_mutated_bags_give_our_error_or_whole_messages(tmp_path: Path, seed: int
     except BagError as error:
         assert str(path) in str(error)  # noqa: PT017
         assert "\n" not in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema", "reason"),
+    [("json", "ros2msg", "is encoded as 'json'"), ("cdr", "protobuf", "described by 'protobuf'")],
+)
+def test_other_encodings_are_refused(
+    tmp_path: Path, encoding: str, schema: str, reason: str
+) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2", library="test")
+        identity = writer.register_schema("sensor_msgs/msg/Image", schema, b"uint8 a")
+        channel = writer.register_channel(IMAGE, encoding, identity)
+        writer.add_message(channel, START, b"{}", START)
+        writer.finish()  # type: ignore[no-untyped-call]
+    line = refusal(path)
+    assert line.startswith(f"{path}: ")
+    assert reason in line
+    assert "expected" in line
