@@ -60,7 +60,7 @@ def _root(
 
 
 @app.command()
-def replay(
+def replay(  # noqa: PLR0913, PLR0917 - its options are read from here
     bag: _Bag,
     output: Annotated[
         Optional[Path],  # noqa: UP045
@@ -70,6 +70,9 @@ def replay(
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace an earlier replay in DIR.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a replay that was broken off in DIR.")
     ] = False,
     config: _Config = None,
     settings: _Set = None,
@@ -83,6 +86,8 @@ def replay(
     ] = None,
 ) -> Task:
     """Run a recorded bag through the whole pipeline, as fast as it goes, dropping no frame."""
+    if force and resume:
+        raise _UsageError("--force and --resume: expected one of them")
     overrides = list(settings or [])
     if mono:
         overrides.append("mode=mono")
@@ -92,7 +97,7 @@ def replay(
         if technique not in ("1", "2", "3", "4"):
             raise _UsageError(f"--technique {technique}: expected 1, 2, 3 or 4")
         overrides.append(f"recognition.technique={technique}")
-    return partial(_replay, bag, output, config, overrides, force=force)
+    return partial(_replay, bag, output, config, overrides, force=force, resume=resume)
 
 
 @app.command(context_settings={"ignore_unknown_options": False})
@@ -406,17 +411,32 @@ def _say(text: str) -> int:
 
 
 def _replay(
-    bag: Path, output: Path | None, config: Path | None, overrides: list[str], *, force: bool
+    bag: Path,
+    output: Path | None,
+    config: Path | None,
+    overrides: list[str],
+    *,
+    force: bool,
+    resume: bool,
 ) -> int:
     from pipeline_tracker.settings_io import load_settings
 
-    settings = load_settings(config, overrides)
+    base = None
+    if resume:
+        from pipeline_tracker.replay import default_output, earlier_settings
+
+        base = earlier_settings(output or default_output(bag))
+    settings = load_settings(config, overrides, base)
     from pipeline_tracker.replay import default_output, replay
 
-    outcome = replay(bag, settings, output or default_output(bag), force=force)
+    output = output or default_output(bag)
+    outcome = replay(bag, settings, output, force=force, resume=resume)
     _say(outcome.text)
     if outcome.summary.interrupted:
-        return _refuse(f"interrupted; what was computed is in {outcome.output}", INTERRUPTED)
+        return _refuse(
+            f"interrupted; what was computed is in {outcome.output}, --resume goes on with it",
+            INTERRUPTED,
+        )
     return DONE if outcome.summary.found else NEVER_FOUND
 
 

@@ -71,12 +71,22 @@ class Pipeline:
             left, right: rectified images, (H, W) uint8; right None in mono.
             unseen: what of them the cameras have not seen.
         """
-        vectorized = self._vectorizer.process(stamp_ns, rig, left, right, unseen)
+        return self.follow(self._vectorizer.process(stamp_ns, rig, left, right, unseen))
+
+    def follow(self, vectorized: VectorizedStereo, known: PipeSegment | None = None) -> FrameResult:
+        """Process one frame whose images are vectorized already.
+
+        Args:
+            vectorized: the pair.
+            known: what the recognizer answered for it before; asked anew where it is None.
+        """
+        stamp_ns = vectorized.stamp_ns
         recognition = None
         heard = self.echoes.take(stamp_ns, self.poses)
         tracked = self._tracker.begin(vectorized, self.poses.at(stamp_ns), heard)
         if tracked is None:
-            recognition = self._recognizer.recognize(vectorized)
+            # The recognizer has no memory: it would answer the same again.
+            recognition = self._recognizer.recognize(vectorized) if known is None else known
             tracked = self._tracker.finish(recognition)
         state = self._estimator.update(tracked.status, tracked.segment, self.poses)
         return FrameResult(vectorized, recognition, tracked, state)

@@ -24,11 +24,12 @@ from pipeline_tracker.benchmark.manifest import Manifest, find_manifest, read_ma
 from pipeline_tracker.benchmark.page import as_html
 from pipeline_tracker.benchmark.plan import make_plan
 from pipeline_tracker.benchmark.progress import BenchmarkProgress
-from pipeline_tracker.benchmark.results import clear_unfinished, write_whole
+from pipeline_tracker.benchmark.results import clear_unfinished
 from pipeline_tracker.benchmark.tables import as_csv, as_json
 from pipeline_tracker.benchmark.terminal import print_tables
 from pipeline_tracker.benchmark.work import MARKER, Place
 from pipeline_tracker.errors import ManifestError
+from pipeline_tracker.files import write_whole
 
 # Windows has none.
 _fcntl: Any = importlib.import_module("fcntl") if find_spec("fcntl") else None

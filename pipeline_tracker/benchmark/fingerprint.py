@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pipeline_tracker
-from pipeline_tracker import __version__
-from pipeline_tracker.resources import message_directory
+from pipeline_tracker.fingerprint import code_hash
 
 # What a simulated bag is made by. Not the settings' modules: the scenario's models only inherit
 # from them, and all values of a scenario are in its hash.
@@ -33,13 +30,13 @@ _NOT_MEASURING = ("benchmark", "cli.py", "nodes", "simulation")
 @cache
 def simulator_code() -> str:
     """Return the hash of the code that simulates."""
-    return _code(file for file in _modules() if _top(file) in SIMULATOR)
+    return code_hash(lambda name: name in SIMULATOR)
 
 
 @cache
 def measuring_code() -> str:
     """Return the hash of the code that replays and evaluates."""
-    return _code(file for file in _modules() if _top(file) not in _NOT_MEASURING)
+    return code_hash(lambda name: name not in _NOT_MEASURING)
 
 
 def hash_of(*parts: Any) -> str:
@@ -60,26 +57,3 @@ def bag_fingerprint(bag: Path) -> list[list[Any]]:
         [file.relative_to(bag.parent).as_posix(), stat.st_size, stat.st_mtime_ns]
         for file, stat in stats
     ]
-
-
-def _package() -> Path:
-    return Path(next(iter(pipeline_tracker.__path__)))
-
-
-def _modules() -> Iterator[Path]:
-    yield from sorted(_package().rglob("*.py"))
-
-
-def _top(file: Path) -> str:
-    return file.relative_to(_package()).parts[0]
-
-
-def _code(files: Iterable[Path]) -> str:
-    digest = hashlib.sha256(__version__.encode())
-    named = [(file.relative_to(_package()).as_posix(), file) for file in files]
-    named += [(file.name, file) for file in sorted(message_directory().glob("*.msg"))]
-    for name, file in named:
-        # Line ends are no difference between two machines.
-        content = file.read_bytes().replace(b"\r\n", b"\n")
-        digest.update(f"{name} {len(content)} ".encode() + content)
-    return digest.hexdigest()[:16]

@@ -96,14 +96,3 @@ def clear_unfinished(parent: Path) -> None:
     """Remove what killed processes left in a directory."""
     for scratch in parent.glob(f"{_SCRATCH}*"):
         shutil.rmtree(scratch, ignore_errors=True)
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is never seen half.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    scratch = path.with_name(f".{path.name}.new")
-    scratch.write_text(text, encoding="utf-8")
-    scratch.replace(path)

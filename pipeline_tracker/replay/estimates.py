@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import heapq
+import os
 from array import array
 from io import StringIO
 from pathlib import Path
@@ -11,6 +13,8 @@ from types import TracebackType
 import numpy as np
 from typing_extensions import Self
 
+from pipeline_tracker.errors import BagError
+from pipeline_tracker.replay.input import JUMP_NS
 from pipeline_tracker.types import PipeSegment, RelativeState, State, TrackingStatus
 
 COLUMNS = (
@@ -96,40 +100,84 @@ def estimate_row(
     return row
 
 
-class EstimatesFile:
-    """Writes estimates.csv row by row; a context manager.
+def _line(row: dict[str, str]) -> str:
+    text = StringIO()
+    # A line break inside a cell would break the rows of simple readers.
+    cells = [" ".join(row.get(name, "").split()) for name in COLUMNS]
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
 
-    Rows are on disk as soon as they are written. Images that came too late to be processed in
-    their turn are put in their place when the file is closed.
+
+HEADER = _line(dict(zip(COLUMNS, COLUMNS, strict=True))).encode()
+
+
+class EstimatesFile:
+    """Writes estimates.csv row by row, in time order; a context manager.
+
+    A row is on its way to the disk once no earlier one can come: an image that comes late is less
+    than a second of stamps behind. Whatever ends the replay, the file holds whole rows.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Remember the path; ``__enter__`` opens it."""
+    def __init__(self, path: Path, kept: KeptRows | None = None) -> None:
+        """Remember the path; ``__enter__`` opens it.
+
+        Args:
+            path: the file.
+            kept: rows of a replay that was broken off: they stay where the same ones are written
+                again, and what follows them is appended.
+        """
         self._path = path
-        self._keys = array("q")
-        self._in_order = True
+        self._kept = kept
+        self._held: list[tuple[int, int, int, bytes]] = []
+        self._newest = (0, 0)
+        self._count = 0
+        self._size = 0
+        self._broken = False
 
     def __enter__(self) -> Self:
-        """Create the file with its header.
+        """Open the file, with its header.
 
         Raises:
             OSError: it cannot be written.
         """
-        self._file = self._path.open("w", newline="", encoding="utf-8", buffering=1)
-        self._file.write(_line(dict(zip(COLUMNS, COLUMNS, strict=True))))
+        mode = "wb" if self._kept is None else "r+b"
+        self._file = self._path.open(mode, buffering=0)
+        self._put(HEADER)
         return self
 
     def write(self, epoch: int, row: dict[str, str]) -> None:
-        """Append a row; ``epoch`` counts how often the clocks were set back.
+        """Take in a row; ``epoch`` counts how often the clocks were set back.
+
+        Raises:
+            OSError: it cannot be written.
+            BagError: it is another than the one that was kept.
+        """
+        stamp = int(row["stamp_ns"])
+        heapq.heappush(self._held, (epoch, stamp, self._count, _line(row).encode()))
+        self._count += 1
+        self._newest = max(self._newest, (epoch, stamp))
+        while self._held[0][:2] < (self._newest[0], self._newest[1] - JUMP_NS):
+            self._put(heapq.heappop(self._held)[-1])
+
+    def save(self) -> None:
+        """See to it that what is written is still there when the power fails.
 
         Raises:
             OSError: it cannot be written.
         """
-        stamp = int(row["stamp_ns"])
-        if self._keys and (epoch, stamp) < (self._keys[-2], self._keys[-1]):
-            self._in_order = False
-        self._keys.extend((epoch, stamp))
-        self._file.write(_line(row))
+        os.fsync(self._file.fileno())
+
+    def finish(self) -> None:
+        """Write the rows that are held: no other will come.
+
+        Raises:
+            OSError: they cannot be written.
+            BagError: they are others than those that were kept.
+        """
+        while self._held:
+            self._put(heapq.heappop(self._held)[-1])
+        if self._kept is not None and self._kept.left:
+            raise self._kept.mismatch(self._path)
 
     def __exit__(
         self,
@@ -137,33 +185,104 @@ class EstimatesFile:
         value: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the file, its rows in time order."""
-        self._file.close()
-        if not self._in_order:
-            self._sort()
+        """Close the file; rows that are held are written, but not over those that were kept."""
+        try:
+            if self._kept is None and not self._broken:
+                self.finish()
+        finally:
+            self._file.close()
 
-    def _sort(self) -> None:
-        keys = list(zip(self._keys[::2], self._keys[1::2], strict=True))
-        order = sorted(range(len(keys)), key=keys.__getitem__)
-        beside = self._path.with_suffix(".csv.tmp")
-        with self._path.open("rb") as source, beside.open("wb") as target:
-            target.write(source.readline())
-            places = []
-            for _ in keys:
-                places.append(source.tell())
-                source.readline()
-            for index in order:
-                source.seek(places[index])
-                target.write(source.readline())
-        beside.replace(self._path)
+    def _put(self, line: bytes) -> None:
+        if self._kept is not None:
+            if self._kept.has(line):
+                self._size = self._kept.place
+                return
+            if self._kept.settled:
+                raise self._kept.mismatch(self._path)
+            self._kept = None
+            self._file.truncate(self._size)
+            self._file.seek(self._size)
+        try:
+            rest = memoryview(line)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:
+            # Half a row is worse than none.
+            self._broken = True
+            self._file.truncate(self._size)
+            raise
+        self._size += len(line)
 
 
-def _line(row: dict[str, str]) -> str:
-    text = StringIO()
-    # A line break inside a cell would break the rows of simple readers.
-    cells = [" ".join(row.get(name, "").split()) for name in COLUMNS]
-    csv.writer(text, lineterminator="\n").writerow(cells)
-    return text.getvalue()
+class KeptRows:
+    """The rows of a replay that was broken off, one after another.
+
+    The last second of them may have been written by an interrupt, before a late image came: they
+    are taken where they are the same, and written anew where they are not.
+
+    Attributes:
+        settled: rows that must come again as they are, those read before left out.
+        place: where the next row begins, bytes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Look at the file; what is no whole row, and all behind it, counts for nothing.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        self._file = path.open("rb")
+        stamps = array("q")
+        header = self._file.readline() == HEADER
+        while header:
+            stamp = _stamp(self._file.readline())
+            if stamp is None:
+                break
+            stamps.append(stamp)
+        self._left = len(stamps) + header
+        self.settled = len(stamps)
+        while self.settled and stamps[self.settled - 1] >= stamps[-1] - JUMP_NS:
+            self.settled -= 1
+        self.rows = self.settled
+        self.place = 0
+        self._file.seek(0)
+
+    @property
+    def left(self) -> int:
+        """Number of rows that have not come again."""
+        return self._left
+
+    def has(self, line: bytes) -> bool:
+        """Return whether the next row is this one, whatever time it took; if so, go on."""
+        if not self._left:
+            self._file.close()
+            return False
+        kept = self._file.readline()
+        if _without_time(kept) != _without_time(line):
+            return False
+        self._left -= 1
+        self.settled -= line != HEADER and self.settled > 0
+        self.place += len(kept)
+        return True
+
+    def mismatch(self, path: Path) -> BagError:
+        """Return the error that the replay does not come out as before."""
+        return BagError(
+            f"{path}: the row at byte {self.place} does not come out as it did before; bag, "
+            "program or libraries have changed: begin again with --force"
+        )
+
+
+def _stamp(line: bytes) -> int | None:
+    """Return the stamp of a whole row; None where it is not one."""
+    cells = line.split(b",")
+    if not line.endswith(b"\n") or len(cells) < len(COLUMNS) or not cells[0].isdigit():
+        return None
+    return int(cells[0])
+
+
+def _without_time(line: bytes) -> bytes:
+    return line.rpartition(b",")[0]
 
 
 def _number(value: float) -> str:

@@ -35,7 +35,7 @@ from pipeline_tracker.sync import Matched, StereoSynchroniser
 from pipeline_tracker.types import Image
 
 # A stamp that goes back by more than this is a clock that was set back, not a late message.
-_JUMP_NS = SECOND_NS
+JUMP_NS = SECOND_NS
 BACKWARD = "time went backward"
 
 
@@ -257,7 +257,7 @@ class ReplayInput:
     def _step_back(self, kind: str, stamp: int, poses: PoseBuffer) -> Iterator[Frame]:
         """Settle all that is held when a clock was set back."""
         newest = self._newest.get(kind)
-        if newest is not None and newest - stamp > _JUMP_NS:
+        if newest is not None and newest - stamp > JUMP_NS:
             self._wait(self._sync.reset(), 0)
             yield from self._ready(poses, None)
             self._newest.clear()

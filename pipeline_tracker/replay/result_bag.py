@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from typing_extensions import Self
 
 from pipeline_tracker import messages
@@ -15,6 +16,7 @@ from pipeline_tracker.bags.typestore import BagMessages
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.markers import Centerline, markers_message
 from pipeline_tracker.replay.input import Frame
+from pipeline_tracker.replay.steady_writer import SteadyWriter
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.types import (
     PipeSegment,
@@ -48,7 +50,8 @@ TOPICS = {
 class ResultBag:
     """Writes the result bag frame by frame; a context manager.
 
-    It is closed whole even when an error ends the replay, so that it can be read.
+    It is closed whole even when an error ends the replay, so that it can be read. Where the disk
+    does not allow that, or the process is killed, what was saved before can still be salvaged.
     """
 
     def __init__(self, path: Path, settings: Settings, left_frame: str) -> None:
@@ -63,10 +66,8 @@ class ResultBag:
         self._settings = settings
         self._left_frame = left_frame
         self._centerline = Centerline()
-        self._writer = Writer(
-            path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
-        )
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer = SteadyWriter(path)
+        self._broken = False
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> Self:
@@ -88,8 +89,27 @@ class ResultBag:
         value: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the bag with index and metadata."""
-        self._writer.close()
+        """Close the bag with index and metadata.
+
+        Raises:
+            OSError: these cannot be written.
+        """
+        try:
+            if not self._broken:
+                with self._unless_broken():
+                    self._writer.close()
+        finally:
+            if self._broken:
+                self._writer.give_up()
+
+    def save(self) -> None:
+        """See to it that all frames so far are still there when the power fails.
+
+        Raises:
+            OSError: the bag cannot be written.
+        """
+        with self._unless_broken():
+            self._writer.save()
 
     def write(
         self,
@@ -142,4 +162,15 @@ class ResultBag:
         put("markers", markers_message(factory, status, segment, state, base))
 
     def _put(self, topic: str, stamp: int, message: Any) -> None:
-        self._writer.write(self._connections[topic], stamp, self._factory.serialize(message))
+        data = self._factory.serialize(message)
+        with self._unless_broken():
+            self._writer.write(self._connections[topic], stamp, data)
+
+    @contextmanager
+    def _unless_broken(self) -> Iterator[None]:
+        """Remember that the file has half a chunk in it."""
+        try:
+            yield
+        except OSError:
+            self._broken = True
+            raise

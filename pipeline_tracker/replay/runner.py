@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import shutil
 import signal
@@ -10,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, TextIO
 
@@ -18,6 +19,7 @@ from pipeline_tracker import __version__
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.errors import BagError, PipelineTrackerError
+from pipeline_tracker.files import write_whole
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
@@ -26,17 +28,23 @@ from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
 from pipeline_tracker.replay.estimates import EstimatesFile, estimate_row, lost_row
 from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
 from pipeline_tracker.replay.progress import ReplayProgress
+from pipeline_tracker.replay.record import RECORD, write_record
 from pipeline_tracker.replay.result_bag import ResultBag
+from pipeline_tracker.replay.resumption import BEFORE, GONE, Resumption
 from pipeline_tracker.replay.summary import ReplaySummary
 from pipeline_tracker.report.overlay import OverlayKeeper
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
-from pipeline_tracker.types import Image
+from pipeline_tracker.types import Image, PipeSegment, VectorizedStereo
 
 OUR_FILES = (
+    # First: without it nothing is taken for a replay that could be resumed.
+    RECORD,
     "estimates.csv",
     "settings.yaml",
     "result",
+    BEFORE,
+    GONE,
     "overlay_best.png",
     "overlay_middle.png",
     # What `evaluate` says of an earlier replay is not true of this one.
@@ -45,6 +53,12 @@ OUR_FILES = (
     "evaluation_coverage.png",
     "evaluation_states.png",
 )
+
+
+# The errors of a disk without room: none left, the quota's end, the largest file.
+_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}
+# What is computed is put on the disk so often, s.
+_SAVE_EVERY = 0.5
 
 
 class PipelineLike(Protocol):
@@ -62,6 +76,9 @@ class PipelineLike(Protocol):
         unseen: UnseenPair = SEEN_WHOLE,
     ) -> FrameResult:
         """Process one frame."""
+
+    def follow(self, vectorized: VectorizedStereo, known: PipeSegment | None = None) -> FrameResult:
+        """Process one frame that is vectorized already."""
 
     def reset(self, reason: str) -> None:
         """Forget everything."""
@@ -97,6 +114,7 @@ def replay(
     output: Path,
     *,
     force: bool = False,
+    resume: bool = False,
     stream: TextIO | None = None,
     make_pipeline: PipelineMaker | None = None,
 ) -> ReplayOutcome:
@@ -107,6 +125,8 @@ def replay(
         settings: all settings.
         output: directory to write; created.
         force: whether what an earlier replay left there may be replaced.
+        resume: go on with the replay that was broken off there; with the same bag, settings and
+            version it gives what an unbroken one would have given.
         stream: where progress is told; standard output by default.
         make_pipeline: called with settings, mounting and recognition-only; the pipeline by default.
 
@@ -116,15 +136,24 @@ def replay(
         KeyboardInterrupt: interrupted a second time, or before the first frame. The first time the
             frame at hand is finished, all files are closed, and the summary says so.
     """
-    check_output(output, bag, force=force)
+    check_output(output, bag, force=force or resume)
     with BagReader(bag) as reader:
+        with _writing(output):
+            past = Resumption.find(output, bag) if resume else None
         source = ReplayInput(reader, settings)
+        if past is not None:
+            past.check_settings(source.settings)
+            if past.finished:
+                return _nothing_left(output)
         if make_pipeline is None:
             warm_up(source.settings)
-        run = _Run(source, output, make_pipeline or Pipeline)
+        run = _Run(source, output, make_pipeline or Pipeline, past)
         with _writing(output):
-            _prepare(output, bag, source.settings)
-        run.go(stream or sys.stdout)
+            if past is None:
+                _prepare(output, bag, source.settings)
+            run.go(stream or sys.stdout)
+            if not run.summary.interrupted:
+                write_record(output, bag, finished=True)
         has_truth = "/ground_truth/pose" in reader.topics
     return ReplayOutcome(output, run.summary, run.in_words(bag, has_truth=has_truth))
 
@@ -151,7 +180,9 @@ def check_output(output: Path, bag: Path, *, force: bool) -> None:
 
 
 class _Run:
-    def __init__(self, source: ReplayInput, output: Path, make: PipelineMaker) -> None:
+    def __init__(
+        self, source: ReplayInput, output: Path, make: PipelineMaker, past: Resumption | None
+    ) -> None:
         self.summary = ReplaySummary()
         self._source = source
         self._output = output
@@ -160,14 +191,16 @@ class _Run:
         self._pipeline = make(settings, source.mounting, settings.recognition.only)
         self._overlay = OverlayKeeper(source.mounting, source.frame_count)
         self._pictures: list[Path] = []
+        self._past = past
+        self._saved = time.monotonic()
 
     def go(self, stream: TextIO) -> None:
         """Process all frames and close all files, whatever happens."""
         source, poses = self._source, self._pipeline.poses
         start = time.monotonic()
+        rows = None if self._past is None else self._past.begin()
         with (
-            _writing(self._output),
-            EstimatesFile(self._output / "estimates.csv") as table,
+            EstimatesFile(self._output / "estimates.csv", rows) as table,
             ResultBag(self._output / "result", self._settings, source.left_frame) as result,
             ReplayProgress(source.frame_count, stream) as progress,
             _interrupt_between_frames() as interrupted,
@@ -178,10 +211,13 @@ class _Run:
                 )
                 for frame in _then(frames, lambda: source.rest(poses)):
                     self._take(frame, table, result)
+                    self._save(table, result)
                     progress.advance()
                     if interrupted():
                         self.summary.interrupted = True
                         break
+                else:
+                    table.finish()
             except BagError as error:
                 raise BagError(
                     f"{error}; the {self.summary.frames} frames before are in {self._output}"
@@ -189,6 +225,18 @@ class _Run:
             finally:
                 self.summary.seconds = time.monotonic() - start
                 self._pictures = self._overlay.write(self._output)
+
+    def _save(self, table: EstimatesFile, result: ResultBag) -> None:
+        """Let a kill cost little: put all on the disk, now and then."""
+        caught_up = self._past is not None and self.summary.frames >= self._past.frames
+        if not caught_up and time.monotonic() - self._saved < _SAVE_EVERY:
+            return
+        table.save()
+        result.save()
+        self._saved = time.monotonic()
+        if caught_up and self._past is not None:
+            self._past.caught_up()
+            self._past = None
 
     def in_words(self, bag: Path, *, has_truth: bool) -> str:
         return self.summary.in_words(
@@ -207,22 +255,29 @@ class _Run:
             self.summary.add(row, has_pose=False)
             return
         pose = self._pipeline.poses.at(frame.stamp_ns)
+        known = None if self._past is None else self._past.answer(frame.stamp_ns)
         start = time.perf_counter()
-        done = self._pipeline.process(
-            frame.stamp_ns, frame.rig, frame.left, frame.right, frame.unseen
-        )
+        if known is None:
+            done = self._pipeline.process(
+                frame.stamp_ns, frame.rig, frame.left, frame.right, frame.unseen
+            )
+        else:
+            self.summary.taken_over += 1
+            vectorized = replace(known.vectorized, rig=frame.rig)
+            done = self._pipeline.follow(vectorized, known.recognition)
         spent = 1e3 * (time.perf_counter() - start)
         status, segment, state = done.tracked.status, done.tracked.segment, done.relative_state
         row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
         table.write(frame.epoch, row)
         self.summary.add(row, has_pose=pose is not None)
         self.summary.add_watched(done.tracked.overlap, done.tracked.warnings)
-        vectorization = 1e3 * done.vectorized.processing_time
-        self.summary.add_times(
-            vectorization / (1 if frame.right is None else 2),
-            spent - vectorization,
-            "tracking" if done.recognition is None else "recognition",
-        )
+        if known is None:
+            vectorization = 1e3 * done.vectorized.processing_time
+            self.summary.add_times(
+                vectorization / (1 if frame.right is None else 2),
+                spent - vectorization,
+                "tracking" if done.recognition is None else "recognition",
+            )
         result.write(frame, done.vectorized, done.recognition, status, segment, state, pose)
         self._overlay.take(frame.left, frame.right, done)
 
@@ -235,11 +290,27 @@ def _prepare(output: Path, bag: Path, settings: Settings) -> None:
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
+    write_record(output, bag, finished=False)
     comment = (
         f"pipeline_tracker {__version__}, replay of {bag.resolve().name}\n"
         "The same again: pipeline-tracker replay BAG --config THIS_FILE"
     )
-    (output / "settings.yaml").write_text(dump_settings(settings, comment), encoding="utf-8")
+    write_whole(output / "settings.yaml", dump_settings(settings, comment))
+
+
+def _nothing_left(output: Path) -> ReplayOutcome:
+    """Return what came of a replay that has ended already."""
+    summary = ReplaySummary()
+    with (output / "estimates.csv").open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            filled = {name: cell for name, cell in row.items() if cell}
+            summary.add(filled, has_pose="chainage" in filled)
+    return ReplayOutcome(
+        output,
+        summary,
+        f"{output}: the replay in it has ended, there is nothing to resume; pipe found in "
+        f"{summary.valid} of {summary.frames} frames",
+    )
 
 
 def _then(frames: Iterator[Frame], rest: Callable[[], Iterator[Frame]]) -> Iterator[Frame]:
@@ -259,11 +330,13 @@ def _writing(output: Path) -> Iterator[None]:
     except PipelineTrackerError:
         raise
     except OSError as error:
-        room = "make room there, or " if error.errno == errno.ENOSPC else ""
-        raise BagError(
-            f"{output}: cannot be written ({error.strerror or error}); {room}name another "
-            "directory with --output"
-        ) from None
+        what = f"{output}: cannot be written ({error.strerror or error})"
+        if error.errno in _FULL:
+            raise BagError(
+                f"{what}; make room there and go on with --resume, or name another directory with "
+                "--output"
+            ) from None
+        raise BagError(f"{what}; name another directory with --output") from None
 
 
 @contextmanager

@@ -55,6 +55,7 @@ class ReplaySummary:
     warnings: list[str] = field(default_factory=list)
     least_overlap: float | None = None
     interrupted: bool = False
+    taken_over: int = 0
     seconds: float = 0.0
     _times: dict[str, deque[float]] = field(default_factory=dict)
     _open: Stretch | None = None
@@ -154,10 +155,12 @@ class ReplaySummary:
     def _headline(self, bag: Path) -> str:
         share = 100.0 * self.valid / self.frames if self.frames else 0.0
         rate = self.frames / self.seconds if self.seconds > 0 else 0.0
+        # What was taken over went by faster: no speed of anything.
+        speed = "" if self.taken_over else f", {rate:.1f} frames/s"
         begun = "interrupted after " if self.interrupted else ""
         return (
             f"{bag.name or bag}: {begun}{_count(self.frames, 'frame')}, pipe found in {self.valid} "
-            f"({share:.0f} %), {self.seconds:.1f} s, {rate:.1f} frames/s"
+            f"({share:.0f} %), {self.seconds:.1f} s{speed}"
         )
 
     def _about_states(self) -> list[str]:
@@ -165,6 +168,9 @@ class ReplaySummary:
         if self.lost:
             parts.append(f"{self.lost} not processed")
         lines = ["states: " + ", ".join(parts)] if parts else []
+        if self.taken_over:
+            taken = f"{self.taken_over} of the frames were vectorized before"
+            lines.insert(0, f"resumed: {taken}, and only tracked again")
         if self.valid:
             lines.append(
                 f"found by tracking in {self.modes['tracking']}, by recognition in "
@@ -237,7 +243,7 @@ class ReplaySummary:
 
     def _next(self, bag: Path, output: Path, pictures: list[Path], *, has_truth: bool) -> str:
         if self.interrupted:
-            return "run it again with --force for the whole bag"
+            return f"pipeline-tracker replay {bag} --output {output} --resume for the rest of it"
         if not self.found:
             look = f"look at {output / pictures[0].name}; " if pictures else ""
             return (

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.files import write_whole
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult
@@ -76,7 +77,7 @@ class OverlayKeeper:
             if kept is not None:
                 picture = draw_overlay(kept.left, kept.right, kept.result, self._mounting)
                 _, data = cv2.imencode(".png", picture)
-                (directory / name).write_bytes(data.tobytes())
+                write_whole(directory / name, data.tobytes())
                 written.append(directory / name)
         return written
 

@@ -41,6 +41,7 @@ class StandIn:
         self.unseen_pairs: list[UnseenPair] = []
         self.levels: list[tuple[float, float | None]] = []
         self.resets: list[str] = []
+        self.known: list[bool] = []
         self.before: Callable[[int], None] = lambda _index: None
         self._tracked = False
 
@@ -53,25 +54,32 @@ class StandIn:
         self, stamp_ns: int, rig: StereoRig, left: Any, right: Any, unseen: UnseenPair = SEEN_WHOLE
     ) -> FrameResult:
         self.unseen_pairs.append(unseen)
-        self.before(len(self.calls))
-        pose = self.poses.at(stamp_ns)
-        self.calls.append((stamp_ns, pose))
-        self.rigs.append(rig)
         level = float(left.mean())
         self.levels.append((level, None if right is None else float(right.mean())))
-        found = level > BRIGHT
-        tracked = found and self._tracked and pose is not None and not self.recognition_only
-        self._tracked = found and pose is not None
         thumbnail = left[::8, ::8][: rig.left.height // 8, : rig.left.width // 8]
         vectorized = VectorizedStereo(
             stamp_ns=stamp_ns,
             rig=rig,
             left_segments=np.array([[1, 2, 30, 40]], np.float32),
             right_segments=np.zeros((0, 4), np.float32),
-            matches=np.zeros((0, 4), np.float32),
+            # What is made of the images is all that later steps know of them.
+            matches=np.array([[level, 0, 0, 0]], np.float32),
             left_thumbnail=thumbnail,
             right_thumbnail=thumbnail if right is not None else np.zeros((0, 0), np.uint8),
         )
+        return self.follow(vectorized)
+
+    def follow(self, vectorized: VectorizedStereo, known: PipeSegment | None = None) -> FrameResult:
+        self.known.append(known is not None)
+        self.before(len(self.calls))
+        stamp_ns = vectorized.stamp_ns
+        pose = self.poses.at(stamp_ns)
+        self.calls.append((stamp_ns, pose))
+        self.rigs.append(vectorized.rig)
+        level = float(vectorized.matches[0, 0])
+        found = level > BRIGHT
+        tracked = found and self._tracked and pose is not None and not self.recognition_only
+        self._tracked = found and pose is not None
         resets = len(self.resets)
         if not found:
             status = TrackingStatus(stamp_ns, State.SEARCHING, "too dark", 0.0, -1.0, resets)
