@@ -65,8 +65,7 @@ def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) ->
         BagError: no images, one camera only, no camera info, or several topics that would do (the
             line lists them and the setting that decides).
     """
-    found = {name: topic for name, topic in topics.items() if topic.count > 0}
-    search = _Search(bag, found, rectify=settings.camera.rectify)
+    search = _Search(bag, topics, rectify=settings.camera.rectify)
     left, right = search.images(settings)
     given = settings.topics
     left_info = search.info(given.left_info, "left_info", left)
@@ -88,7 +87,8 @@ def find_topics(bag: str, topics: Mapping[str, BagTopic], settings: Settings) ->
 class _Search:
     def __init__(self, bag: str, topics: Mapping[str, BagTopic], *, rectify: bool) -> None:
         self._bag = bag
-        self._topics = topics
+        self._topics = {name: topic for name, topic in topics.items() if topic.count > 0}
+        self._silent = [topic for topic in topics.values() if topic.count <= 0]
         self._rectify = rectify
 
     def images(self, settings: Settings) -> tuple[str, str]:
@@ -148,13 +148,18 @@ class _Search:
             return self._given(key, given, (CAMERA_INFO,))
         infos = self._of_type(CAMERA_INFO)
         base = image.removesuffix("/compressed")
-        for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
+        names = (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info")
+        for name in names:
             if name in infos:
                 return name
+        for name in names:
+            if name in self._topics:
+                raise self._of_another_type(key, name, (CAMERA_INFO,))
         side = "right" if key == "right_info" else "left"
         near = [n for n in infos if side in _words(n) and not _words(n) & _NEVER]
         # A single camera needs no side in its name.
-        near = near or (infos if side == "left" and len(infos) == 1 else [])
+        alone = side == "left" and len(infos) == 1 and "right" not in _words(infos[0])
+        near = near or (infos if alone else [])
         if len(near) == 1:
             return near[0]
         if not infos:
@@ -177,6 +182,9 @@ class _Search:
         names = [n for n in self._of_type(*wanted) if not _words(n) & (_NEVER | _NO_POSE)]
         best = _best(names, _pose_rank)
         if not best:
+            other = next((n for n in self._topics if _pose_rank(n) == 0), "")
+            if other and not _words(other) & _NEVER:
+                raise self._of_another_type("pose", other, wanted)
             return "", settings.pose_type
         if len(best) > 1:
             raise self._ambiguous("the vehicle's pose", "pose", best)
@@ -215,20 +223,31 @@ class _Search:
                 continue
             if topic.type_name in types:
                 return candidate
-            raise BagError(
-                f"{self._bag}: topics.{key}={name} has the type {topic.type_name}, expected "
-                f"{' or '.join(types)}"
-            )
+            raise self._of_another_type(key, candidate, types)
         having = ", ".join(self._of_type(*types)[:8]) or "none"
         raise BagError(
             f"{self._bag}: topics.{key}={name} is not in the bag or has no messages; "
             f"topics of this type: {having}"
         )
 
-    def _one_camera(self, name: str) -> BagError:
+    def _of_another_type(self, key: str, name: str, types: tuple[str, ...]) -> BagError:
         return BagError(
-            f"{self._bag}: images of one camera only ({name}), expected a left and a right one; "
-            "use the one camera with --mono, or name the other with --set topics.right_image=..."
+            f"{self._bag}: {name} has {self._type(name)}, expected {' or '.join(types)}; record "
+            f"it so, or name another topic with --set topics.{key}=..."
+        )
+
+    def _type(self, name: str) -> str:
+        kind = self._topics[name].type_name
+        return f"the type {kind}" if kind else "messages of several types"
+
+    def _one_camera(self, name: str) -> BagError:
+        swapped = {_swapped(name, "left", "right"), _swapped(name, "right", "left")} - {name}
+        partner = next((n for n in sorted(swapped) if n in self._topics), "")
+        why = f", {partner} has {self._type(partner)}" if partner else ""
+        return BagError(
+            f"{self._bag}: images of one camera only ({name}), expected a left and a right one"
+            f"{why}; use the one camera with --mono, or name the other with --set "
+            "topics.right_image=..."
         )
 
     def _ambiguous(self, what: str, key: str, names: Iterable[str]) -> BagError:
@@ -239,7 +258,11 @@ class _Search:
         )
 
     def _expected_images(self) -> str:
-        having = ", ".join(f"{t.name} ({t.type_name})" for t in list(self._topics.values())[:6])
+        silent = [t.name for t in self._silent if t.type_name in _IMAGE_TYPES]
+        if silent:
+            return f"some; {', '.join(silent[:6])} without messages"
+        some = list(self._topics.values())[:6]
+        having = ", ".join(f"{t.name} ({t.type_name or 'several types'})" for t in some)
         return f"sensor_msgs/Image or CompressedImage; it has {having or 'no topics'}"
 
 

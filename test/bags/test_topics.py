@@ -180,7 +180,10 @@ def test_named_topic_that_is_not_there_or_of_another_type() -> None:
     assert "topics.left_image=/cam/image is not in the bag" in line
     assert "/stereo/left/image_rect" in line
     line = refusal(STEREO, topics__left_image="/vnm/pose")
-    assert "topics.left_image=/vnm/pose has the type geometry_msgs/msg/PoseStamped" in line
+    assert (
+        "/vnm/pose has the type geometry_msgs/msg/PoseStamped, expected sensor_msgs/msg/I" in line
+    )
+    assert "--set topics.left_image=" in line
     line = refusal(STEREO, topics__pose="/stereo/left/image_rect")
     assert "topics.pose" in line
 

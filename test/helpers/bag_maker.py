@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -180,12 +180,16 @@ def write_bag(
     *,
     storage: StoragePlugin = StoragePlugin.MCAP,
     compression: CompressionMode = CompressionMode.NONE,
+    silent: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write a bag directory and return its path."""
+    """Write a bag directory and return its path; ``silent`` topics, with types, are empty."""
     writer = Writer(path, version=9, storage_plugin=storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
-        connections: dict[str, Any] = {}
+        connections: dict[str, Any] = {
+            topic: writer.add_connection(topic, type_name, typestore=FACTORY.store)
+            for topic, type_name in (silent or {}).items()
+        }
         for item in Sea().items() if items is None else items:
             if item.topic not in connections:
                 connections[item.topic] = writer.add_connection(

@@ -1,0 +1,131 @@
+"""Kill replays at random moments and resume them: the table must come out as without the kills.
+
+``python test/soak/kill_replay.py --kills 20`` prints each kill; exit 1 at the first replay that
+comes out otherwise. What a kill leaves is looked at too: estimates.csv must be the beginning of the
+whole one, and the result bag must be one that can be salvaged.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pipeline_tracker.bags.reader import BagReader
+from pipeline_tracker.bags.salvage import salvage
+from pipeline_tracker.bags.typestore import our_typestore
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command(bag: Path, output: Path, *options: str) -> list[str]:
+    program = [sys.executable, "-m", "pipeline_tracker.cli", "replay"]
+    return [*program, str(bag), "--output", str(output), "--set", "pipe.diameter=0.6", *options]
+
+
+def rows(output: Path) -> list[list[str]]:
+    """Return the table without the times."""
+    with (output / "estimates.csv").open(newline="") as file:
+        return [row[:-1] for row in csv.reader(file)]
+
+
+def messages(bag: Path) -> list[tuple[str, int, bytes]]:
+    """Return the messages of a result bag, but for how long each took."""
+    store, found = our_typestore(), []
+    with BagReader(bag) as reader:
+        for record in reader.records(reader.topics):
+            message = record.unpack()
+            if hasattr(message, "processing_time"):
+                message.processing_time = 0.0
+            raw = bytes(store.serialize_cdr(message, record.type_name))
+            found.append((record.topic, record.log_ns, raw))
+    return found
+
+
+def whole(bag: Path, output: Path) -> tuple[float, float]:
+    """Replay without a kill; return when it began to write, and how long it took, s."""
+    start = time.monotonic()
+    process = subprocess.Popen(command(bag, output), stdout=subprocess.DEVNULL)
+    while not (output / "estimates.csv").exists():
+        assert process.poll() is None, "it ended before it began to write"
+        time.sleep(0.01)
+    began = time.monotonic() - start
+    assert process.wait() == 0
+    return began, time.monotonic() - start
+
+
+def kill(bag: Path, output: Path, seconds: float) -> bool:
+    """Resume and kill after some time; return whether it was still running."""
+    process = subprocess.Popen(command(bag, output, "--resume"), stdout=subprocess.DEVNULL)
+    try:
+        code = process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return True
+    assert code == 0, f"exit code {code}"
+    return False
+
+
+def look(output: Path, place: Path, expected: list[list[str]]) -> str:
+    """Check what a kill has left; return it in words."""
+    if not (output / "estimates.csv").exists():
+        return "nothing yet"
+    left = rows(output)
+    assert left == expected[: len(left)], "estimates.csv is not the beginning of the whole one"
+    saved = 0
+    for name in ("result_before", "result"):
+        bag = output / name
+        if bag.exists() and any(file.stat().st_size > 100 for file in bag.glob("*.mcap")):
+            topics = salvage(bag, place / name).topics
+            saved = max(saved, *(t.saved for t in topics if t.name == "/pipeline/status"))
+    return f"{max(0, len(left) - 1)} rows, {saved} frames in the result bag"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--bag", type=Path, default=ROOT / "bags" / "demo")
+    given = parser.parse_args()
+    rng = random.Random(given.seed)  # noqa: S311 - a test's dice
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        # Most of the start is imports and compiled kernels: a kill there is like none.
+        began, ended = whole(given.bag, place / "whole")
+        moments = 0.8 * began, ended
+        expected, expected_bag = rows(place / "whole"), messages(place / "whole" / "result")
+        killed = number = 0
+        while killed < given.kills:
+            number += 1
+            output = place / f"out_{number}"
+            # Most are killed once; some again, and again, until one run comes to its end.
+            while killed < given.kills and kill(given.bag, output, rng.uniform(*moments)):
+                killed += 1
+                left = look(output, place / f"saved_{killed}", expected)
+                sys.stdout.write(f"kill {killed}, replay {number}: {left}\n")
+                sys.stdout.flush()
+                if rng.random() < 0.5:
+                    break
+            subprocess.run(
+                command(given.bag, output, "--resume"), check=True, stdout=subprocess.DEVNULL
+            )
+            assert rows(output) == expected, f"replay {number}: another estimates.csv"
+            assert messages(output / "result") == expected_bag, f"replay {number}: another bag"
+            for picture in (place / "whole").glob("*.png"):
+                same = picture.read_bytes() == (output / picture.name).read_bytes()
+                assert same, f"replay {number}: another {picture.name}"
+        sys.stdout.write(
+            f"{killed} kills, {number} replays resumed: all {len(expected) - 1} rows, "
+            f"{len(expected_bag)} messages and the pictures as without\n"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
