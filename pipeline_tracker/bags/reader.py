@@ -211,9 +211,7 @@ class BagReader:
         try:
             check_chunks(reader)
         except BagError as error:
-            raise BagError(
-                f"{self.path}: the bag is damaged ({error}); {self._salvage()}"
-            ) from None
+            raise BagError(self._damaged(str(error))) from None
 
     def _list_topics(self) -> None:
         counts: Counter[str] = Counter()
@@ -234,6 +232,9 @@ class BagReader:
         """Turn whatever the libraries raise into a BagError."""
         try:
             yield
+        except BagError as error:
+            # One of the bounds.
+            raise BagError(self._damaged(str(error))) from None
         except PipelineTrackerError:
             raise
         except PermissionError as error:
@@ -257,7 +258,10 @@ class BagReader:
             return f"{self.path}: {described}; copy the whole directory"
         if opening and any(word in low for word in _TRUNCATED):
             return f"{self.path}: the bag is truncated ({described}); {self._salvage()}"
-        return f"{self.path}: the bag is damaged ({described}); {self._salvage()}"
+        return self._damaged(described)
+
+    def _damaged(self, why: str) -> str:
+        return f"{self.path}: the bag is damaged ({why}); {self._salvage()}"
 
     def _salvage(self) -> str:
         return (

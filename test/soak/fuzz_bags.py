@@ -141,7 +141,9 @@ def save(bag: Path, output: Path) -> None:
 
 def attempt(task: Callable[[], object], again: str) -> str:
     """Do something with a damaged bag; whatever is not our error goes up, with how to repeat it."""
-    signal.alarm(SECONDS)
+    # Of its own time: a busy machine is no hang. And of the clock's, for what waits.
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.alarm(30 * SECONDS)
     try:
         task()
     except PipelineTrackerError as error:
@@ -152,6 +154,7 @@ def attempt(task: Callable[[], object], again: str) -> str:
         say(again)
         raise
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.alarm(0)
     return "done"
 
@@ -170,6 +173,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    signal.signal(signal.SIGPROF, hung)
     signal.signal(signal.SIGALRM, hung)
     outcomes: Counter[str] = Counter()
     slowest = 0.0
@@ -183,7 +187,7 @@ def main() -> int:
             place.mkdir()
             rng = random.Random(index)  # noqa: S311 - a test's dice
             bag, damage = damaged(rng.choice(sources), place, rng)
-            start = time.monotonic()
+            start = time.process_time()
             tasks: dict[str, Callable[[], object]] = {
                 "replay": lambda bag=bag: read(bag),
                 "info": lambda bag=bag: bag_info(bag, SETTINGS, has_diameter=True),
@@ -192,12 +196,12 @@ def main() -> int:
             for what, task in tasks.items():
                 doing = f"{what}, {damage}"
                 outcomes[f"{doing}: {attempt(task, f'{doing}; --seed {index} --count 1')}"] += 1
-            slowest = max(slowest, time.monotonic() - start)
+            slowest = max(slowest, time.process_time() - start)
             shutil.rmtree(place)
     growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     for outcome, count in sorted(outcomes.items()):
         say(f"{outcome} {count}")
-    say(f"{given.count} bags; slowest {slowest:.2f} s; memory grew by {growth:.0f} MiB")
+    say(f"{given.count} bags; slowest {slowest:.2f} s of its time; memory grew by {growth:.0f} MiB")
     return int(growth > GROWTH_MIB)
 
 
