@@ -32,7 +32,11 @@ from pipeline_tracker.replay.record import RECORD, write_record
 from pipeline_tracker.replay.result_bag import ResultBag
 from pipeline_tracker.replay.resumption import BEFORE, GONE, Resumption
 from pipeline_tracker.replay.summary import ReplaySummary
+from pipeline_tracker.report.bed import bed_beside
+from pipeline_tracker.report.facts import RunFacts, write_facts
+from pipeline_tracker.report.filmstrip import DIRECTORY, FilmStrip, pictures
 from pipeline_tracker.report.overlay import OverlayKeeper
+from pipeline_tracker.report.write import write_report
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
 from pipeline_tracker.types import Image, PipeSegment, VectorizedStereo
@@ -47,6 +51,8 @@ OUR_FILES = (
     GONE,
     "overlay_best.png",
     "overlay_middle.png",
+    "report.html",
+    "run.json",
     # What `evaluate` says of an earlier replay is not true of this one.
     "evaluation.json",
     "evaluation_errors.png",
@@ -151,8 +157,14 @@ def replay(
         with _writing(output):
             if past is None:
                 _prepare(output, bag, source.settings)
+        try:
             run.go(stream or sys.stdout)
-            if not run.summary.interrupted:
+        except BagError as error:
+            run.report(bag, damage=str(error))
+            raise
+        run.report(bag)
+        if not run.summary.interrupted:
+            with _writing(output):
                 write_record(output, bag, finished=True)
         has_truth = "/ground_truth/pose" in reader.topics
     return ReplayOutcome(output, run.summary, run.in_words(bag, has_truth=has_truth))
@@ -190,6 +202,7 @@ class _Run:
         self._settings = settings
         self._pipeline = make(settings, source.mounting, settings.recognition.only)
         self._overlay = OverlayKeeper(source.mounting, source.frame_count)
+        self._strip = FilmStrip(output / DIRECTORY, source.mounting, source.frame_count)
         self._pictures: list[Path] = []
         self._past = past
         self._saved = time.monotonic()
@@ -224,6 +237,7 @@ class _Run:
                 ) from None
             finally:
                 self.summary.seconds = time.monotonic() - start
+                self._strip.finish()
                 self._pictures = self._overlay.write(self._output)
 
     def _save(self, table: EstimatesFile, result: ResultBag) -> None:
@@ -237,6 +251,21 @@ class _Run:
         if caught_up and self._past is not None:
             self._past.caught_up()
             self._past = None
+
+    def report(self, bag: Path, *, damage: str = "") -> None:
+        """Say how it went, and write the report on all that is there."""
+        facts = RunFacts(
+            version=__version__,
+            bag=bag.resolve().name,
+            frames_expected=self._source.frame_count,
+            interrupted=self.summary.interrupted,
+            damage=damage,
+            seconds=self.summary.seconds,
+            notes=self.summary.notes(self._settings, self._source.counts),
+        )
+        with _writing(self._output):
+            write_facts(self._output, facts)
+            write_report(self._output)
 
     def in_words(self, bag: Path, *, has_truth: bool) -> str:
         return self.summary.in_words(
@@ -267,7 +296,12 @@ class _Run:
             done = self._pipeline.follow(vectorized, known.recognition)
         spent = 1e3 * (time.perf_counter() - start)
         status, segment, state = done.tracked.status, done.tracked.segment, done.relative_state
-        row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
+        bed: tuple[float | None, float | None] = (None, None)
+        if state.valid and segment is not None:
+            bed = bed_beside(done.vectorized, segment, self._source.mounting, pose)
+        row = estimate_row(
+            status, segment, state, has_pose=pose is not None, processing_ms=spent, bed=bed
+        )
         table.write(frame.epoch, row)
         self.summary.add(row, has_pose=pose is not None)
         self.summary.add_watched(done.tracked.overlap, done.tracked.warnings)
@@ -280,6 +314,7 @@ class _Run:
             )
         result.write(frame, done.vectorized, done.recognition, status, segment, state, pose)
         self._overlay.take(frame.left, frame.right, done)
+        self._strip.take(frame.left, done)
 
 
 def _prepare(output: Path, bag: Path, settings: Settings) -> None:
@@ -291,11 +326,16 @@ def _prepare(output: Path, bag: Path, settings: Settings) -> None:
         else:
             path.unlink(missing_ok=True)
     write_record(output, bag, finished=False)
+    # Somebody's own pictures may be beside those of an earlier replay.
+    for path in pictures(output).values():
+        path.unlink()
     comment = (
         f"pipeline_tracker {__version__}, replay of {bag.resolve().name}\n"
         "The same again: pipeline-tracker replay BAG --config THIS_FILE"
     )
-    write_whole(output / "settings.yaml", dump_settings(settings, comment))
+    # The bag's name may hold bytes that are no text.
+    text = dump_settings(settings, comment).encode("utf-8", "replace")
+    write_whole(output / "settings.yaml", text)
 
 
 def _nothing_left(output: Path) -> ReplayOutcome:
