@@ -243,6 +243,9 @@ class Settings(Section):
         "raw", "Live image transport; replay takes what the bag has"
     )
     use_sim_time: bool = _setting(False, "Take the time from /clock (live)")
+    autostart: bool = _setting(
+        True, "Nodes configure and activate themselves; false: a lifecycle manager does (live)"
+    )
     pipe: PipeSettings
     camera: CameraSettings = CameraSettings()
     frames: FrameSettings = FrameSettings()

@@ -26,6 +26,8 @@ _SILENT = 5.0
 
 BACKWARD = "time went backward"
 RECALIBRATED = "the camera's calibration changed"
+DEACTIVATED = "deactivated"
+ON_REQUEST = "reset on request"
 
 
 @dataclass
@@ -91,6 +93,11 @@ class FrameFlow:
         self._newest_taken: int | None = None
         self._rig: StereoRig | None = None
         self._last_seen: tuple[int, int] | None = None
+
+    @property
+    def reset_counter(self) -> int:
+        """How often the tracker has forgotten its past."""
+        return self._tracker.reset_counter
 
     @property
     def busy(self) -> bool:
@@ -167,6 +174,14 @@ class FrameFlow:
         self._echoes.clear()
         self._newest_taken = None
         self._tracker.reset(reason)
+
+    def search_again(self) -> None:
+        """Forget the pipe, but not the poses; the reset counter grows by one."""
+        if self._open is not None:
+            # It may hold the very pipe that is to be forgotten.
+            self._finish(None, ON_REQUEST)
+        self._tracker.reset(ON_REQUEST)
+        self.poll()
 
     def poll(self) -> None:
         """Go on with what has waited long enough; to be called every few tens of ms while busy."""

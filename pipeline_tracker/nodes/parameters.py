@@ -15,6 +15,7 @@ from pipeline_tracker.settings_io import dotted_values, settings_from_values
 from pipeline_tracker.settings_rows import SettingRow, describe_settings
 
 USE_SIM_TIME = "use_sim_time"
+AUTOSTART = "autostart"
 # Parameters of ROS itself.
 _OF_ROS = ("qos_overrides.", "start_type_description_service")
 
@@ -24,12 +25,22 @@ def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in values.items() if value is not None]
 
 
-def declare_settings(node: Node) -> Settings:
-    """Read a node's settings from what its parameters were overridden with, and declare them all.
+def declare_settings(node: Node) -> None:
+    """Declare the settings that a new node was not given, with their defaults.
 
     The node must have been made with ``automatically_declare_parameters_from_overrides``, so that
-    an unknown name is seen and refused rather than ignored. Settings are read once, here: the
-    parameters refuse to be changed later.
+    an unknown name is seen and refused rather than ignored. Nothing is checked yet, and every value
+    may be set until the node is configured.
+    """
+    for row in describe_settings():
+        if not node.has_parameter(row.key):
+            node.declare_parameter(
+                row.key, row.default, ParameterDescriptor(dynamic_typing=True), ignore_override=True
+            )
+
+
+def read_settings(node: Node) -> Settings:
+    """Read and check a node's settings, and describe each parameter.
 
     Raises:
         SettingsError: a setting is unknown, missing or out of its range.
@@ -48,8 +59,7 @@ def declare_settings(node: Node) -> Settings:
         if row.key == USE_SIM_TIME:
             continue
         # Declared anew with description and range, and with 1 become 1.0 for a number.
-        if node.has_parameter(row.key):
-            node.undeclare_parameter(row.key)
+        node.undeclare_parameter(row.key)
         node.declare_parameter(
             row.key, values[row.key], descriptor(row, values[row.key]), ignore_override=True
         )

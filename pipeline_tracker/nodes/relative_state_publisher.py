@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pipeline_tracker.geometry.pose import Pose
@@ -40,11 +41,29 @@ class RelativeStatePublisher(MountedNode):
 
     NAME = "relative_state_publisher"
 
+    def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
+        """Make the node; see ``PipelineNode``."""
+        super().__init__(parameters, **options)
+        self._reset_counter = 0
+        # How often this node itself has forgotten the past: it counts as a reset too.
+        self._resets = 0
+
+    def open_outputs(self) -> None:
+        """Open the topics for the autopilot and for viewers, and the operator's service."""
+        self._state_out = self.speak(
+            "pipeline_tracker_msgs/msg/RelativeState", "pipeline/relative_state"
+        )
+        self._numbers_out = {
+            name: self.speak("std_msgs/msg/Float64", f"pipeline/{name}") for name in _NUMBERS
+        }
+        self._centerline_out = self.speak("nav_msgs/msg/Path", "pipeline/centerline")
+        self._markers_out = self.speak("visualization_msgs/msg/MarkerArray", "pipeline/markers")
+        self.serve("~/set_reference", self._set_reference)
+
     def start_mounted(self, mounting: Pose) -> None:
-        """Open the topics."""
+        """Open the topics of segments, statuses and poses."""
         settings = self.settings
         self._frames = settings.frames
-        self._reset_counter = 0
         self._centerline = Centerline()
         self._watch = OutputWatch(
             settings.output.timeout, self.live_clock, simulated=settings.use_sim_time
@@ -57,14 +76,6 @@ class RelativeStatePublisher(MountedNode):
             dropped=self.dropped,
             timeline=self.timeline(),
         )
-        self._state_out = self.speak(
-            "pipeline_tracker_msgs/msg/RelativeState", "pipeline/relative_state"
-        )
-        self._numbers_out = {
-            name: self.speak("std_msgs/msg/Float64", f"pipeline/{name}") for name in _NUMBERS
-        }
-        self._centerline_out = self.speak("nav_msgs/msg/Path", "pipeline/centerline")
-        self._markers_out = self.speak("visualization_msgs/msg/MarkerArray", "pipeline/markers")
         self.listen_to_poses(self._on_pose)
         self.listen(
             "pipeline_tracker_msgs/msg/PipeSegment",
@@ -81,11 +92,24 @@ class RelativeStatePublisher(MountedNode):
         self._timer = self.every(_POLL, self._poll)
         self.ready()
 
+    def stop(self) -> None:
+        """Forget the past; direction of travel, side and chainage start anew."""
+        if hasattr(self, "_flow"):
+            self._resets += 1
+            self._reset_counter += 1
+            del self._flow, self._watch, self._centerline
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget the past."""
         if hasattr(self, "_flow"):
             self._flow.clock_went_back(now_ns, way_ns)
             self._watch.restart()
+
+    def _set_reference(self) -> str:
+        """Answer the operator's request to count the chainage from here."""
+        self.require_ready("set_reference")
+        here = self._flow.set_reference()
+        return "chainage 0 is " + ("here" if here else "where the pipe is seen next")
 
     def _on_pose(self, message: Any) -> None:
         self._flow.add_pose(*pose_from_message(message))
@@ -103,7 +127,8 @@ class RelativeStatePublisher(MountedNode):
             self._send(RelativeState(stamp, False, 0.0, self._reset_counter))
 
     def _publish(self, frame: FrameState) -> None:
-        state = frame.state
+        counter = frame.state.reset_counter + self._resets
+        state = replace(frame.state, reset_counter=counter)
         self._reset_counter = state.reset_counter
         self._watch.heard(state.stamp_ns)
         self._send(state)

@@ -104,6 +104,14 @@ class StateFlow:
             self._finish()
         self.poll()
 
+    def set_reference(self) -> bool:
+        """Set the chainage to 0 where the vehicle is now.
+
+        Returns:
+            Whether that is known; else it is 0 where the pipe is seen next.
+        """
+        return self._estimator.set_reference()
+
     def clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget everything, the simulated clock has gone back."""
         if self._timeline.clock_went_back(now_ns, way_ns):

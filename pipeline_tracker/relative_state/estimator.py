@@ -69,9 +69,15 @@ class RelativeStateEstimator:
         self._previous: tuple[int, Pose | None] | None = None
         self._position: Array | None = None
 
-    def set_reference(self) -> None:
-        """Set the chainage to 0 where the vehicle is now; it grows in the direction of travel."""
+    def set_reference(self) -> bool:
+        """Set the chainage to 0 where the vehicle is now; it grows in the direction of travel.
+
+        Returns:
+            Whether it is known where that is: at the last image with a pose. Else it is 0 where
+            the pipe is seen next.
+        """
         self._chainage.set_reference(self._position)
+        return self._position is not None
 
     def update(
         self, status: TrackingStatus, segment: PipeSegment | None, poses: PoseBuffer
