@@ -26,6 +26,7 @@ from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.mounting import MountingListener, mounting_of_settings
 from pipeline_tracker.nodes.parameters import (
     AUTOSTART,
+    ParameterGate,
     as_parameters,
     declare_settings,
     read_settings,
@@ -78,6 +79,8 @@ class PipelineNode(ManagedNode):
         self.settings: Settings
         self.live_clock: LiveClock
         declare_settings(self)
+        # Kept: rclpy calls it, and does not hold it.
+        self._gate = ParameterGate(self)
 
     @property
     def autostart(self) -> bool:
@@ -125,6 +128,15 @@ class PipelineNode(ManagedNode):
 
     def stop(self) -> None:
         """Forget the past; the inputs are closed."""
+
+    def change(self) -> None:
+        """Go on with other ``settings``: some of those that may change while the node runs."""
+
+    def change_settings(self, settings: Settings) -> None:
+        """Take over settings that have been checked."""
+        self.settings = settings
+        if self.is_ready:
+            self.change()
 
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget the past, simulated time has gone back by ``way_ns`` to ``now_ns``."""

@@ -175,6 +175,11 @@ class FrameFlow:
         self._newest_taken = None
         self._tracker.reset(reason)
 
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``pose.wait`` and other limits of the tracker."""
+        self._pose_wait = settings.pose.wait
+        self._tracker.change(settings)
+
     def search_again(self) -> None:
         """Forget the pipe, but not the poses; the reset counter grows by one."""
         if self._open is not None:

@@ -62,6 +62,10 @@ class LocalRecognizer(MountedNode):
         self._frames.clear()
         self._requests.clear()
 
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._recognizer.change(self.settings)
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:  # noqa: ARG002 - no matter
         """Forget frames and requests."""
         if hasattr(self, "_worker"):

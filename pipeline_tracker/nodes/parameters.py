@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.settings import Settings
-from pipeline_tracker.settings_io import dotted_values, settings_from_values
+from pipeline_tracker.settings_io import dotted_values, replace_settings, settings_from_values
 from pipeline_tracker.settings_rows import SettingRow, describe_settings
+
+if TYPE_CHECKING:
+    from pipeline_tracker.nodes.base import PipelineNode
 
 USE_SIM_TIME = "use_sim_time"
 AUTOSTART = "autostart"
@@ -74,12 +83,12 @@ def descriptor(row: SettingRow, value: Any = None) -> ParameterDescriptor:
         value: its value; a parameter of more than one type, or without a value, is typed
             dynamically.
     """
-    words = ", ".join(filter(None, (row.unit, row.range)))
+    live = "may change at run time" if row.live else ""
+    words = ", ".join(filter(None, (row.unit, row.range, live)))
     described = ParameterDescriptor(
         name=row.key,
         description=row.description,
         additional_constraints=words,
-        read_only=True,
         dynamic_typing=value is None or row.kind == "choice",
     )
     if row.minimum is None and row.maximum is None and row.above is None:
@@ -94,6 +103,67 @@ def descriptor(row: SettingRow, value: Any = None) -> ParameterDescriptor:
         most_int = 2**63 - 1 if row.maximum is None else int(row.maximum)
         described.integer_range = [IntegerRange(from_value=least_int, to_value=most_int)]
     return described
+
+
+class ParameterGate:
+    """Lets parameters of a node change: all that are set in one call, or none.
+
+    While the node is not configured, all may be set; they are checked when it is configured. Then
+    those may change that the settings' model names for this node, with the same checks.
+    """
+
+    def __init__(self, node: PipelineNode) -> None:
+        """Watch over a node's parameters."""
+        self._node = node
+        node.add_pre_set_parameters_callback(self._as_numbers)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._take_over)
+
+    def _as_numbers(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Take 1 for 1.0, as everywhere else."""
+        rows = {row.key: row for row in describe_settings()}
+        return [
+            Parameter(p.name, value=float(p.value))
+            if p.name in rows and rows[p.name].kind == "number" and type(p.value) is int
+            else p
+            for p in parameters
+        ]
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        if not self._node.is_configured:
+            return SetParametersResult(successful=True)
+        try:
+            self._changed(parameters)
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_over(self, parameters: Sequence[Parameter]) -> None:
+        if self._node.is_configured:
+            self._node.change_settings(self._changed(parameters))
+
+    def _changed(self, parameters: Sequence[Parameter]) -> Settings:
+        """Return the settings with other parameters.
+
+        Raises:
+            SettingsError: one may not change now, or is out of its range.
+        """
+        rows = {row.key: row for row in describe_settings()}
+        settings, name = self._node.settings, self._node.NAME
+        now = dotted_values(settings)
+        given = {p.name: _plain(p.value) for p in parameters if p.name in rows}
+        changes = {key: value for key, value in given.items() if value != now[key]}
+        for key in changes:
+            if rows[key].live and name not in rows[key].live:
+                raise SettingsError(
+                    f"{key}: {name} does not use it; set it on {' and '.join(rows[key].live)}"
+                )
+            if not rows[key].live:
+                raise SettingsError(
+                    f"{key} cannot change while {name} is configured; clean the node up "
+                    "(lifecycle), set it, and configure the node, or start it anew"
+                )
+        return replace_settings(settings, changes)
 
 
 def _plain(value: Any) -> Any:

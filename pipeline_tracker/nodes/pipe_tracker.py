@@ -87,6 +87,10 @@ class PipeTracker(MountedNode):
             self._resets = self._flow.reset_counter
             del self._flow
 
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._flow.change(self.settings)
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget pipe, poses and frames."""
         if hasattr(self, "_flow"):

@@ -99,6 +99,11 @@ class RelativeStatePublisher(MountedNode):
             self._reset_counter += 1
             del self._flow, self._watch, self._centerline
 
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._flow.change(self.settings)
+        self._watch.change(self.settings.output.timeout)
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget the past."""
         if hasattr(self, "_flow"):

@@ -104,6 +104,11 @@ class StateFlow:
             self._finish()
         self.poll()
 
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``pose.wait`` and other settings of the motion."""
+        self._pose_wait = settings.pose.wait
+        self._estimator.change(settings)
+
     def set_reference(self) -> bool:
         """Set the chainage to 0 where the vehicle is now.
 
@@ -193,6 +198,10 @@ class OutputWatch:
             return self._timeout
         periods = [after - before for before, after in pairwise(self._stamps)]
         return max(0.5, 3.0 * median(periods) / SECOND_NS) if periods else 0.5
+
+    def change(self, timeout: float) -> None:
+        """Go on with another timeout; it counts from the last frame too."""
+        self._timeout = timeout
 
     def heard(self, stamp_ns: int) -> None:
         """Take notice of a frame."""

@@ -55,11 +55,15 @@ class RelativeStateEstimator:
             settings: ``motion.window`` and ``motion.min_speed`` are used.
             mounting: base_link <- left optical frame.
         """
-        self._window = round(settings.motion.window * SECOND_NS)
-        self._min_speed = settings.motion.min_speed
+        self.change(settings)
         self._camera = mounting.translation
         self._reset_counter: int | None = None
         self.reset()
+
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``motion.window`` and ``motion.min_speed``."""
+        self._window = round(settings.motion.window * SECOND_NS)
+        self._min_speed = settings.motion.min_speed
 
     def reset(self) -> None:
         """Forget the past: direction of travel, side, chainage and the previous image."""

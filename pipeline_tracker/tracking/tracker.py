@@ -133,6 +133,11 @@ class Tracker:
         """How often the tracker has forgotten its past."""
         return self._reset_counter
 
+    def change(self, settings: Settings) -> None:
+        """Go on with other limits: of ``tracking``, ``motion`` and ``pose.max_speed``."""
+        self._settings = settings
+        self._overlap.least = settings.motion.min_overlap
+
     def reset(self, reason: str) -> None:
         """Forget everything; the next frame's reason tells why.
 
