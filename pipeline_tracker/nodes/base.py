@@ -31,7 +31,7 @@ from pipeline_tracker.nodes.parameters import (
     declare_settings,
     read_settings,
 )
-from pipeline_tracker.nodes.timeline import Timeline
+from pipeline_tracker.nodes.timeline import StampJudge, Timeline
 from pipeline_tracker.pipeline import warm_up
 from pipeline_tracker.settings import Settings
 
@@ -146,9 +146,16 @@ class PipelineNode(ManagedNode):
         self.is_ready = True
         self.get_logger().info("ready")
 
-    def timeline(self) -> Timeline:
-        """Return what notices time going backward for this node."""
-        return Timeline(self._now_ns if self.settings.use_sim_time else None)
+    def timeline(self, judge: StampJudge | None = None) -> Timeline:
+        """Return what notices wrong stamps, and time going backward, for this node.
+
+        Args:
+            judge: of its stamps; None: one that takes no age for stale.
+        """
+        return Timeline(
+            self._now_ns if self.settings.use_sim_time else None,
+            judge=judge or StampJudge(self.live_clock),
+        )
 
     def dropped(self, reason: str, details: str = "") -> None:
         """Count an input that is not used, and warn once in a while for each reason."""

@@ -107,12 +107,8 @@ class FrameFlow:
     def add_frame(self, frame: VectorizedStereo) -> None:
         """Take in a frame."""
         stamp = frame.stamp_ns
-        step = self._timeline.see("frame", stamp)
-        if step is Step.PAST:
-            self._dropped("frame_of_the_past", f"stamp {stamp} ns is of before the reset")
+        if not self._goes_on("frame", stamp):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         late = self._newest_taken is not None and stamp <= self._newest_taken
         if late or any(held.stamp_ns == stamp for held in self._waiting):
             self._dropped("frame_late_or_repeated", f"stamp {stamp} ns is not after the last one")
@@ -126,24 +122,16 @@ class FrameFlow:
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> None:
         """Take in a pose of base_link in odom."""
-        step = self._timeline.see("pose", stamp_ns)
-        if step is Step.PAST:
-            self._dropped("pose_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+        if not self._goes_on("pose", stamp_ns):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         if not self._poses.add(stamp_ns, pose):
             self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
         self.poll()
 
     def add_ping(self, stamp_ns: int, echo: Echo | None) -> None:
         """Take in a ping of the echo sounder; ``echo`` is None where nothing came back."""
-        step = self._timeline.see("range", stamp_ns)
-        if step is Step.PAST:
-            self._dropped("range_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+        if not self._goes_on("range", stamp_ns):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         if not self._echoes.add(stamp_ns, echo):
             self._dropped(
                 "range_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one"
@@ -204,6 +192,15 @@ class FrameFlow:
                 self._close_unseen(held.stamp_ns, reason)
             else:
                 self._begin(held.frame)
+
+    def _goes_on(self, kind: str, stamp_ns: int) -> bool:
+        """Whether a stamp is to be used; time going back is a reset."""
+        step, reason, details = self._timeline.refusal(kind, stamp_ns)
+        if reason:
+            self._dropped(reason, details)
+        if step is Step.BACKWARD:
+            self.reset(BACKWARD)
+        return not reason
 
     def _is_complete(self, held: _Waiting) -> bool:
         """Whether the frame's pose and echo have come, or have been waited for long enough."""

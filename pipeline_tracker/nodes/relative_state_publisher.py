@@ -21,6 +21,7 @@ from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.state_flow import FrameState, OutputWatch, StateFlow
+from pipeline_tracker.nodes.timeline import StampJudge
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.types import RelativeState
 
@@ -68,6 +69,7 @@ class RelativeStatePublisher(MountedNode):
         self._watch = OutputWatch(
             settings.output.timeout, self.live_clock, simulated=settings.use_sim_time
         )
+        self._ages = StampJudge(self.live_clock)
         self._flow = StateFlow(
             RelativeStateEstimator(settings, mounting),
             settings,
@@ -135,7 +137,9 @@ class RelativeStatePublisher(MountedNode):
         counter = frame.state.reset_counter + self._resets
         state = replace(frame.state, reset_counter=counter)
         self._reset_counter = state.reset_counter
-        self._watch.heard(state.stamp_ns)
+        if not self._watch.heard(state.stamp_ns, self._age(state.stamp_ns)):
+            self.dropped("state_too_late", f"image of {state.stamp_ns} ns: not valid any more")
+            state = replace(state, valid=False, quality=0.0)
         self._send(state)
         if state.valid:
             for name, variance in _NUMBERS.items():
@@ -152,6 +156,12 @@ class RelativeStatePublisher(MountedNode):
                 self.messages, frame.status, frame.segment, state, self._frames.base_link
             )
         )
+
+    def _age(self, stamp_ns: int) -> float:
+        """Time since an image was taken, s; 0 where its stamp is not of this machine's clock."""
+        # Simulated time may run faster than the machine computes: late there is not late here.
+        age = None if self.settings.use_sim_time else self._ages.age("image", stamp_ns)
+        return max(0.0, age or 0.0)
 
     def _send(self, state: RelativeState) -> None:
         self._state_out.publish(

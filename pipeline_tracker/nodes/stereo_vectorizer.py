@@ -14,7 +14,7 @@ from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import PipelineNode
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
-from pipeline_tracker.nodes.timeline import Step
+from pipeline_tracker.nodes.timeline import StampJudge, Step
 from pipeline_tracker.nodes.worker import END_WITHIN, Worker
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
@@ -67,7 +67,8 @@ class StereoVectorizer(PipelineNode):
         self._sync: StereoSynchroniser[Any] = StereoSynchroniser(
             sync.tolerance, sync.max_wait, sync.queue
         )
-        self._timeline = self.timeline()
+        self._judge = StampJudge(self.live_clock, settings.image.max_age)
+        self._timeline = self.timeline(self._judge)
         self._vectorizer = Vectorizer(settings)
         self._infos = Infos()
         self._images: tuple[Infos, StereoImages] | None = None
@@ -85,6 +86,10 @@ class StereoVectorizer(PipelineNode):
         self._images = None
         # A new one, without the working memory of the old.
         self._vectorizer = Vectorizer(self.settings)
+
+    def change(self) -> None:
+        """Go on with another ``image.max_age``."""
+        self._judge.max_age = self.settings.image.max_age
 
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget what is under way."""
@@ -117,9 +122,9 @@ class StereoVectorizer(PipelineNode):
 
     def _on_image(self, side: str, message: Any) -> None:
         stamp = stamp_ns(message.header)
-        step = self._timeline.see(side, stamp)
-        if step is Step.PAST:
-            self.dropped("image_of_the_past", f"{side} image of {stamp} ns")
+        step, reason, details = self._timeline.refusal(f"{side}_image", stamp)
+        if reason:
+            self.dropped(reason, details)
             return
         if step is Step.BACKWARD:
             self._forget("time_went_backward")
