@@ -95,6 +95,8 @@ class PipelineNode(ManagedNode):
             PipelineTrackerError: a setting, or the camera's mounting, is missing or impossible.
         """
         self.settings = read_settings(self)
+        self._gate.settled = True
+        self.scope.add(setattr, self._gate, "settled", False)
         self.live_clock = LiveClock(self._now_ns)
         self.check()
         compile_kernels(self.settings)

@@ -113,8 +113,12 @@ class ParameterGate:
     """
 
     def __init__(self, node: PipelineNode) -> None:
-        """Watch over a node's parameters."""
+        """Watch over a node's parameters.
+
+        ``settled`` is whether the node goes by them: rclpy asks here too where they are declared.
+        """
         self._node = node
+        self.settled = False
         node.add_pre_set_parameters_callback(self._as_numbers)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take_over)
@@ -130,8 +134,6 @@ class ParameterGate:
         ]
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        if not self._node.is_configured:
-            return SetParametersResult(successful=True)
         try:
             self._changed(parameters)
         except SettingsError as error:
@@ -139,19 +141,22 @@ class ParameterGate:
         return SetParametersResult(successful=True)
 
     def _take_over(self, parameters: Sequence[Parameter]) -> None:
-        if self._node.is_configured:
-            self._node.change_settings(self._changed(parameters))
+        changed = self._changed(parameters)
+        if changed is not None:
+            self._node.change_settings(changed)
 
-    def _changed(self, parameters: Sequence[Parameter]) -> Settings:
-        """Return the settings with other parameters.
+    def _changed(self, parameters: Sequence[Parameter]) -> Settings | None:
+        """Return the settings with other parameters; None where they are none of the node's yet.
 
         Raises:
             SettingsError: one may not change now, or is out of its range.
         """
         rows = {row.key: row for row in describe_settings()}
+        given = {p.name: _plain(p.value) for p in parameters if p.name in rows}
+        if not self.settled or not given:
+            return None
         settings, name = self._node.settings, self._node.NAME
         now = dotted_values(settings)
-        given = {p.name: _plain(p.value) for p in parameters if p.name in rows}
         changes = {key: value for key, value in given.items() if value != now[key]}
         for key in changes:
             if rows[key].live and name not in rows[key].live:
