@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from typing import Any, ClassVar
 
 from rclpy.clock import Clock, JumpThreshold, TimeJump
@@ -292,10 +291,15 @@ class PipelineNode(ManagedNode):
             self.refused("clock", error)
 
 
-@lru_cache(maxsize=1)
+_compiled: set[bool] = set()
+
+
 def compile_kernels(settings: Settings) -> None:
     """Compile or load the kernels, once for all nodes of a process."""
-    warm_up(settings)
+    # Of all settings, this one alone decides which kernels are run.
+    if settings.tracking.refine not in _compiled:
+        warm_up(settings)
+        _compiled.add(settings.tracking.refine)
 
 
 class MountedNode(PipelineNode):

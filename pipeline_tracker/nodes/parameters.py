@@ -69,27 +69,20 @@ def read_settings(node: Node) -> Settings:
             continue
         # Declared anew with description and range, and with 1 become 1.0 for a number.
         node.undeclare_parameter(row.key)
-        node.declare_parameter(
-            row.key, values[row.key], descriptor(row, values[row.key]), ignore_override=True
-        )
+        node.declare_parameter(row.key, values[row.key], descriptor(row), ignore_override=True)
     return settings
 
 
-def descriptor(row: SettingRow, value: Any = None) -> ParameterDescriptor:
-    """Return the descriptor of a setting.
-
-    Args:
-        row: the setting.
-        value: its value; a parameter of more than one type, or without a value, is typed
-            dynamically.
-    """
+def descriptor(row: SettingRow) -> ParameterDescriptor:
+    """Return the descriptor of a setting."""
     live = "may change at run time" if row.live else ""
     words = ", ".join(filter(None, (row.unit, row.range, live)))
     described = ParameterDescriptor(
         name=row.key,
         description=row.description,
         additional_constraints=words,
-        dynamic_typing=value is None or row.kind == "choice",
+        # A value of another type is refused by the settings' model, which says more.
+        dynamic_typing=True,
     )
     if row.minimum is None and row.maximum is None and row.above is None:
         return described

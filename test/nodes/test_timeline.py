@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pipeline_tracker.nodes.live_clock import STANDSTILL, LiveClock
-from pipeline_tracker.nodes.timeline import Step, StampJudge, Timeline
+from pipeline_tracker.nodes.timeline import StampJudge, Step, Timeline
 
 SECOND = 1_000_000_000
 
