@@ -109,7 +109,7 @@ class OverlapWatch:
         Args:
             least: overlap below which it warns, 0 to 1.
         """
-        self._least = least
+        self.least = least
         self._short = 0
         self._told = False
 
@@ -134,14 +134,14 @@ class OverlapWatch:
         reach = _REACH * max(float(point[2]), 0.1)
         length = min(view[1], reach) - max(view[0], -reach)
         overlap = float(np.clip(1.0 - abs(way) / max(length, 1e-6), 0.0, 1.0))
-        self._short = self._short + 1 if overlap < self._least else 0
+        self._short = self._short + 1 if overlap < self.least else 0
         if self._told or self._short < _SURE or not seconds > 0.0:
             return overlap, ""
         self._told = True
         speed = abs(way) / seconds
-        longest = length * (1.0 - self._least) / speed
+        longest = length * (1.0 - self.least) / speed
         return overlap, (
             f"images are too far apart: {abs(way):.2f} m of {length:.2f} m in view, overlap "
-            f"{overlap:.2f} (motion.min_overlap={self._least:g}); at {speed:.2f} m/s a frame may "
+            f"{overlap:.2f} (motion.min_overlap={self.least:g}); at {speed:.2f} m/s a frame may "
             f"take {1e3 * longest:.0f} ms, and they come every {1e3 * seconds:.0f} ms"
         )

@@ -30,8 +30,22 @@ Vector = Annotated[tuple[float, float, float], AfterValidator(finite)]
 Direction = Annotated[Vector, AfterValidator(with_length)]
 
 
-def _setting(default: Any, description: str, *, unit: str = "", **bounds: Any) -> Any:
-    extra: dict[str, Any] = {"unit": unit}
+# The nodes, as far as a setting of theirs may change while they run.
+_VECTORIZER = "stereo_vectorizer"
+_RECOGNIZER = "local_recognizer"
+_TRACKER = "pipe_tracker"
+_PUBLISHER = "relative_state_publisher"
+
+
+def _setting(
+    default: Any, description: str, *, unit: str = "", live: tuple[str, ...] = (), **bounds: Any
+) -> Any:
+    """A setting; ``live`` names the nodes that take another value while they run.
+
+    These are limits and times. What decides on memory, topics, cameras or the pipe stays as it is
+    until a node is configured anew.
+    """
+    extra: dict[str, Any] = {"unit": unit, "live": list(live)}
     return Field(default, description=description, json_schema_extra=extra, **bounds)
 
 
@@ -100,6 +114,15 @@ class ImageSettings(Section):
     max_pixels: int = _setting(
         64_000_000, "Larger images are refused", unit="px", ge=10_000, le=1_000_000_000
     )
+    max_age: float = _setting(
+        2.0,
+        "Live, an image that comes later than this after its stamp is not used; only where the "
+        "cameras' clock is the nodes'",
+        unit="s",
+        live=(_VECTORIZER,),
+        gt=0,
+        le=3600,
+    )
 
 
 class SyncSettings(Section):
@@ -121,10 +144,19 @@ class PoseSettings(Section):
         3.0, "Poses are interpolated over gaps up to this", unit="s", gt=0, le=60
     )
     wait: float = _setting(
-        0.2, "Live, an image waits this long for its pose", unit="s", ge=0, le=10
+        0.2,
+        "Live, an image waits this long for its pose",
+        unit="s",
+        live=(_TRACKER, _PUBLISHER),
+        ge=0,
+        le=10,
     )
     max_speed: float = _setting(
-        5.0, "A faster move between two frames is a jump of the pose: reset", unit="m/s", gt=0
+        5.0,
+        "A faster move between two frames is a jump of the pose: reset",
+        unit="m/s",
+        live=(_TRACKER,),
+        gt=0,
     )
 
 
@@ -158,7 +190,7 @@ class RecognitionSettings(Section):
         "auto", "Technique of 4.2.4, 4 is the joint fit; auto: the best the picture allows"
     )
     min_support: float = _setting(
-        0.2, "Least share of the expected evidence for a pipe", ge=0, le=1
+        0.2, "Least share of the expected evidence for a pipe", live=(_RECOGNIZER,), ge=0, le=1
     )
     only: bool = _setting(False, "Every frame by itself, no tracking (the paper's Table 2)")
 
@@ -170,13 +202,27 @@ class TrackingSettings(Section):
         True, "Continue from the best candidate to a fit; false: the paper's discrete result"
     )
     min_support: float = _setting(
-        0.15, "Below this share of the expected evidence the frame is lost", ge=0, le=1
+        0.15,
+        "Below this share of the expected evidence the frame is lost",
+        live=(_TRACKER,),
+        ge=0,
+        le=1,
     )
     max_coast: float = _setting(
-        2.0, "The pose alone carries a lost pipe over at most this way", unit="m", ge=0, le=100
+        2.0,
+        "The pose alone carries a lost pipe over at most this way",
+        unit="m",
+        live=(_TRACKER,),
+        ge=0,
+        le=100,
     )
     max_coast_time: float = _setting(
-        6.0, "The pose alone carries a lost pipe for at most this time", unit="s", ge=0, le=600
+        6.0,
+        "The pose alone carries a lost pipe for at most this time",
+        unit="s",
+        live=(_TRACKER,),
+        ge=0,
+        le=600,
     )
 
 
@@ -184,14 +230,24 @@ class MotionSettings(Section):
     """The vehicle's motion S (4.3)."""
 
     window: float = _setting(
-        1.0, "S is the way of this time before the image", unit="s", gt=0, le=60
+        1.0,
+        "S is the way of this time before the image",
+        unit="s",
+        live=(_PUBLISHER,),
+        gt=0,
+        le=60,
     )
     min_speed: float = _setting(
-        0.05, "A slower vehicle has no direction of motion: its own axis is used", unit="m/s", ge=0
+        0.05,
+        "A slower vehicle has no direction of motion: its own axis is used",
+        unit="m/s",
+        live=(_TRACKER, _PUBLISHER),
+        ge=0,
     )
     min_overlap: float = _setting(
         0.3,
         "A warning where the next image shows less of the pipe in view again (5.3.1)",
+        live=(_TRACKER,),
         ge=0,
         lt=1,
     )
@@ -210,6 +266,7 @@ class OutputSettings(Section):
         0.0,
         "Invalid state after this time without good input; 0: three image periods, at least 0.5 s",
         unit="s",
+        live=(_PUBLISHER,),
         ge=0,
         le=3600,
     )
@@ -243,6 +300,9 @@ class Settings(Section):
         "raw", "Live image transport; replay takes what the bag has"
     )
     use_sim_time: bool = _setting(False, "Take the time from /clock (live)")
+    autostart: bool = _setting(
+        True, "Nodes configure and activate themselves; false: a lifecycle manager does (live)"
+    )
     pipe: PipeSettings
     camera: CameraSettings = CameraSettings()
     frames: FrameSettings = FrameSettings()

@@ -171,7 +171,8 @@ def default_yaml() -> str:
         "camera.rotation_rpy": [3.1416, 0.0, -1.5708],
     }
     for row in describe_settings():
-        words = "; ".join(filter(None, (row.unit, row.range)))
+        live = f"at run time: {', '.join(row.live)}" if row.live else ""
+        words = "; ".join(filter(None, (row.unit, row.range, live)))
         comment = row.description + (f" [{words}]" if words else "")
         lines += textwrap.wrap(comment, 96, initial_indent="    # ", subsequent_indent="    # ")
         value = example[row.key] if row.default is None else row.default
@@ -182,7 +183,7 @@ def default_yaml() -> str:
 
 
 def settings_table() -> str:
-    """Return the README's table of all settings (Markdown)."""
+    """Return the README's table of all settings (Markdown); * marks what may change live."""
     lines = ["| setting | default | range, unit | meaning |", "|---|---|---|---|"]
     for row in describe_settings():
         if row.required:
@@ -193,7 +194,8 @@ def settings_table() -> str:
             value = yaml.safe_dump(row.default, default_flow_style=True).split("\n")[0]
             default = f"`{value}`" if value != "''" else "empty"
         words = ", ".join(filter(None, (row.range, row.unit)))
-        lines.append(f"| `{row.key}` | {default} | {words} | {row.description} |")
+        mark = " *" if row.live else ""
+        lines.append(f"| `{row.key}`{mark} | {default} | {words} | {row.description} |")
     return "\n".join(lines) + "\n"
 
 

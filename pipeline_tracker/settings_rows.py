@@ -39,6 +39,7 @@ class SettingRow:
         choices: the values of a choice.
         unit: unit, or empty.
         description: one sentence.
+        live: nodes that take another value while they run.
     """
 
     key: str
@@ -52,6 +53,7 @@ class SettingRow:
     choices: tuple[Any, ...]
     unit: str
     description: str
+    live: tuple[str, ...]
 
     @property
     def range(self) -> str:
@@ -129,7 +131,9 @@ def _row(key: str, field: FieldInfo) -> SettingRow:
             bounds["minimum"] = mark.min_length
     required = field.is_required()
     default = None if required else field.default
-    extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    extra: dict[str, Any] = (
+        field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    )
     return SettingRow(
         key=key,
         kind=kind,
@@ -142,6 +146,7 @@ def _row(key: str, field: FieldInfo) -> SettingRow:
         choices=choices,
         unit=str(extra.get("unit", "")),
         description=str(field.description),
+        live=tuple(extra.get("live", ())),
     )
 
 

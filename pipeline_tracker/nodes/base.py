@@ -10,23 +10,37 @@ from typing import Any, ClassVar
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from std_srvs.srv import Trigger
 
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.conversions import LiveMessages, message_class
+from pipeline_tracker.nodes.lifecycle import ManagedNode, in_words
 from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.mounting import MountingListener, mounting_of_settings
-from pipeline_tracker.nodes.parameters import as_parameters, declare_settings
-from pipeline_tracker.nodes.timeline import Timeline
+from pipeline_tracker.nodes.parameters import (
+    AUTOSTART,
+    ParameterGate,
+    as_parameters,
+    declare_settings,
+    read_settings,
+)
+from pipeline_tracker.nodes.timeline import StampJudge, Timeline
+from pipeline_tracker.pipeline import warm_up
 from pipeline_tracker.settings import Settings
 
 # One warning of each kind in this time, s.
 WARN_EVERY = 5.0
+
+
+class NotReadyError(PipelineTrackerError):
+    """A node that is not at work is asked to do something."""
+
 
 _POSE_TYPES = {
     "pose": "geometry_msgs/msg/PoseStamped",
@@ -35,17 +49,17 @@ _POSE_TYPES = {
 }
 
 
-class PipelineNode(Node):
-    """A node whose parameters are the settings.
+class PipelineNode(ManagedNode):
+    """A managed node whose parameters are the settings.
 
-    It is made, configured (settings are read and checked) and activated (topics are opened);
-    ``close`` ends its threads. A subclass opens its topics in ``start``.
+    Configuring reads and checks the settings and opens the outputs (``open_outputs``); activating
+    opens the inputs (``start``); deactivating ends these (``stop``) and forgets the past.
     """
 
     NAME: ClassVar[str]
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
-        """Make the node; no topic is opened yet.
+        """Make the node, unconfigured; no topic is opened yet.
 
         Args:
             parameters: parameter values that win over those of the command line.
@@ -60,44 +74,89 @@ class PipelineNode(Node):
         self.messages = LiveMessages()
         self.drops: Counter[str] = Counter()
         self._warned: dict[str, float] = {}
+        self.is_ready = False
         self.settings: Settings
         self.live_clock: LiveClock
+        declare_settings(self)
+        # Kept: rclpy calls it, and does not hold it.
+        self._gate = ParameterGate(self)
+
+    @property
+    def autostart(self) -> bool:
+        """Whether the node is to be configured and activated by its own process."""
+        # Anything else than false is for the settings to judge.
+        return self.get_parameter(AUTOSTART).value is not False
 
     def configure(self) -> None:
-        """Read and check the settings.
+        """Read and check the settings, compile the kernels and open the outputs.
 
         Raises:
             PipelineTrackerError: a setting, or the camera's mounting, is missing or impossible.
         """
-        self.settings = declare_settings(self)
+        self.settings = read_settings(self)
+        self._gate.settled = True
+        self.scope.add(setattr, self._gate, "settled", False)
         self.live_clock = LiveClock(self._now_ns)
+        self.check()
+        compile_kernels(self.settings)
+        self.open_outputs()
 
     def activate(self) -> None:
-        """Open the topics; from here on the node answers."""
+        """Open the inputs; from here on the node answers."""
         # rclpy forgets the callback with the handle.
-        self._jump_handle = self.get_clock().create_jump_callback(
+        jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_jump,
         )
+        self.scope.add(jumps.unregister)
+        # Ends when the inputs have ended, and while the outputs are still heard.
+        self.scope.add(self._stop)
         self.start()
 
+    def check(self) -> None:
+        """Check what the settings' model cannot.
+
+        Raises:
+            PipelineTrackerError: something is missing or impossible.
+        """
+
+    def open_outputs(self) -> None:
+        """Open the topics that this node publishes, and its services."""
+
     def start(self) -> None:
-        """Open the topics of this node and report that it is ready."""
+        """Open the topics that this node subscribes to and report that it is ready."""
         raise NotImplementedError
 
-    def close(self) -> None:
-        """End what the node has running beside ROS's callbacks."""
+    def stop(self) -> None:
+        """Forget the past; the inputs are closed."""
+
+    def change(self) -> None:
+        """Go on with other ``settings``: some of those that may change while the node runs."""
+
+    def change_settings(self, settings: Settings) -> None:
+        """Take over settings that have been checked."""
+        self.settings = settings
+        if self.is_ready:
+            self.change()
 
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget the past, simulated time has gone back by ``way_ns`` to ``now_ns``."""
 
     def ready(self) -> None:
         """Report that the node answers from now on."""
+        self.is_ready = True
         self.get_logger().info("ready")
 
-    def timeline(self) -> Timeline:
-        """Return what notices time going backward for this node."""
-        return Timeline(self._now_ns if self.settings.use_sim_time else None)
+    def timeline(self, judge: StampJudge | None = None) -> Timeline:
+        """Return what notices wrong stamps, and time going backward, for this node.
+
+        Args:
+            judge: of its stamps; None: one that takes no age for stale.
+        """
+        return Timeline(
+            self._now_ns if self.settings.use_sim_time else None,
+            judge=judge or StampJudge(self.live_clock),
+        )
 
     def dropped(self, reason: str, details: str = "") -> None:
         """Count an input that is not used, and warn once in a while for each reason."""
@@ -120,51 +179,104 @@ class PipelineNode(Node):
             callback: called with each message.
             profile: the topic's quality of service.
         """
+        scope = self.scope
 
         def guarded(message: Any) -> None:
+            # The executor may have taken one more when the topic was closed.
+            if not scope.is_open:
+                return
             try:
                 callback(message)
             except Exception as error:  # noqa: BLE001 - whatever a message does, the node lives on
                 self.refused(topic, error)
 
-        return self.create_subscription(
+        subscription = self.create_subscription(
             message_class(type_name),
             topic,
             guarded,
             profile.qos(),
             qos_overriding_options=qos.overriding_options(),
         )
+        scope.add(self.destroy_subscription, subscription)
+        return subscription
 
     def listen_to_poses(self, callback: Callable[[Any], None]) -> Subscription:
         """Subscribe to vnm/pose, of the type that the settings say."""
         return self.listen(_POSE_TYPES[self.settings.pose_type], "vnm/pose", callback, qos.POSE)
 
     def speak(self, type_name: str, topic: str) -> Publisher:
-        """Return a publisher of one of our topics."""
-        return self.create_publisher(
+        """Return a publisher of one of our topics; it is silent while the node is not active."""
+        publisher = self.create_lifecycle_publisher(
             message_class(type_name),
             topic,
             qos.PIPELINE.qos(),
             qos_overriding_options=qos.overriding_options(),
         )
+        self.scope.add(self.destroy_lifecycle_publisher, publisher)
+        return publisher
 
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
         """Call something at intervals of the steady clock, which runs when simulated time stops."""
+        scope = self.scope
 
         def guarded() -> None:
+            if not scope.is_open:
+                return
             try:
                 callback()
             except Exception as error:  # noqa: BLE001 - nothing may end the node
                 self.refused("timer", error)
 
-        return self.create_timer(seconds, guarded, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        timer = self.create_timer(seconds, guarded, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        scope.add(self.destroy_timer, timer)
+        return timer
+
+    def serve(self, name: str, do: Callable[[], str]) -> Service:
+        """Offer a service of std_srvs/Trigger.
+
+        Args:
+            name: relative name, ``~/name`` below the node's own.
+            do: does it and returns what was done, in words; where it cannot, it raises a
+                ``PipelineTrackerError`` that says why.
+        """
+
+        def answer(_: Any, response: Any) -> Any:
+            try:
+                response.message = do()
+                response.success = True
+                self.get_logger().info(response.message)
+            except Exception as error:  # noqa: BLE001 - nothing may end the node
+                response.success, response.message = False, in_words(error)
+                self.get_logger().warning(f"{name} refused: {response.message}")
+            return response
+
+        service = self.create_service(Trigger, name, answer)
+        self.scope.add(self.destroy_service, service)
+        return service
+
+    def require_ready(self, what: str) -> None:
+        """Check that the node is at work.
+
+        Args:
+            what: is asked of it.
+
+        Raises:
+            NotReadyError: it is not active, or still waits for the camera's mounting.
+        """
+        if not self.is_active:
+            raise NotReadyError(f"{what}: {self.NAME} is not active; activate it first")
+        if not self.is_ready:
+            raise NotReadyError(f"{what}: {self.NAME} still waits for the camera's mounting")
 
     def refused(self, what: str, error: Exception) -> None:
         """Count and report a message, or a step of ours, that failed."""
         expected = isinstance(error, PipelineTrackerError | ValueError)
-        kind = "" if expected else f"{type(error).__name__}: "
-        text = " ".join(f"{kind}{error}".split())
-        self.dropped(f"{what} refused" if expected else f"{what} failed", text[:300])
+        reason = f"{what} refused" if expected else f"{what} failed"
+        self.dropped(reason, in_words(error)[:300])
+
+    def _stop(self) -> None:
+        self.is_ready = False
+        self.stop()
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
@@ -179,17 +291,27 @@ class PipelineNode(Node):
             self.refused("clock", error)
 
 
+_compiled: set[bool] = set()
+
+
+def compile_kernels(settings: Settings) -> None:
+    """Compile or load the kernels, once for all nodes of a process."""
+    # Of all settings, this one alone decides which kernels are run.
+    if settings.tracking.refine not in _compiled:
+        warm_up(settings)
+        _compiled.add(settings.tracking.refine)
+
+
 class MountedNode(PipelineNode):
     """A node that needs the camera's mounting: from the settings, else from /tf_static."""
 
-    def configure(self) -> None:
-        """Read and check the settings.
+    def check(self) -> None:
+        """Check that there is a mounting, or can be one.
 
         Raises:
+            SettingsError: one half of it is given without the other.
             CalibrationError: there is no mounting, nor can there ever be.
-            SettingsError: see ``PipelineNode.configure``.
         """
-        super().configure()
         self._mounting = mounting_of_settings(self.settings)
 
     def start(self) -> None:

@@ -26,6 +26,8 @@ _SILENT = 5.0
 
 BACKWARD = "time went backward"
 RECALIBRATED = "the camera's calibration changed"
+DEACTIVATED = "deactivated"
+ON_REQUEST = "reset on request"
 
 
 @dataclass
@@ -93,6 +95,11 @@ class FrameFlow:
         self._last_seen: tuple[int, int] | None = None
 
     @property
+    def reset_counter(self) -> int:
+        """How often the tracker has forgotten its past."""
+        return self._tracker.reset_counter
+
+    @property
     def busy(self) -> bool:
         """Whether a frame waits for something, so that ``poll`` is needed."""
         return self._open is not None or bool(self._waiting)
@@ -100,12 +107,8 @@ class FrameFlow:
     def add_frame(self, frame: VectorizedStereo) -> None:
         """Take in a frame."""
         stamp = frame.stamp_ns
-        step = self._timeline.see("frame", stamp)
-        if step is Step.PAST:
-            self._dropped("frame_of_the_past", f"stamp {stamp} ns is of before the reset")
+        if not self._goes_on("frame", stamp):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         late = self._newest_taken is not None and stamp <= self._newest_taken
         if late or any(held.stamp_ns == stamp for held in self._waiting):
             self._dropped("frame_late_or_repeated", f"stamp {stamp} ns is not after the last one")
@@ -119,24 +122,16 @@ class FrameFlow:
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> None:
         """Take in a pose of base_link in odom."""
-        step = self._timeline.see("pose", stamp_ns)
-        if step is Step.PAST:
-            self._dropped("pose_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+        if not self._goes_on("pose", stamp_ns):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         if not self._poses.add(stamp_ns, pose):
             self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
         self.poll()
 
     def add_ping(self, stamp_ns: int, echo: Echo | None) -> None:
         """Take in a ping of the echo sounder; ``echo`` is None where nothing came back."""
-        step = self._timeline.see("range", stamp_ns)
-        if step is Step.PAST:
-            self._dropped("range_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
+        if not self._goes_on("range", stamp_ns):
             return
-        if step is Step.BACKWARD:
-            self.reset(BACKWARD)
         if not self._echoes.add(stamp_ns, echo):
             self._dropped(
                 "range_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one"
@@ -168,6 +163,19 @@ class FrameFlow:
         self._newest_taken = None
         self._tracker.reset(reason)
 
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``pose.wait`` and other limits of the tracker."""
+        self._pose_wait = settings.pose.wait
+        self._tracker.change(settings)
+
+    def search_again(self) -> None:
+        """Forget the pipe, but not the poses; the reset counter grows by one."""
+        if self._open is not None:
+            # It may hold the very pipe that is to be forgotten.
+            self._finish(None, ON_REQUEST)
+        self._tracker.reset(ON_REQUEST)
+        self.poll()
+
     def poll(self) -> None:
         """Go on with what has waited long enough; to be called every few tens of ms while busy."""
         if self._open is not None and self._steady() - self._open.asked >= ANSWER_WITHIN:
@@ -184,6 +192,15 @@ class FrameFlow:
                 self._close_unseen(held.stamp_ns, reason)
             else:
                 self._begin(held.frame)
+
+    def _goes_on(self, kind: str, stamp_ns: int) -> bool:
+        """Whether a stamp is to be used; time going back is a reset."""
+        step, reason, details = self._timeline.refusal(kind, stamp_ns)
+        if reason:
+            self._dropped(reason, details)
+        if step is Step.BACKWARD:
+            self.reset(BACKWARD)
+        return not reason
 
     def _is_complete(self, held: _Waiting) -> bool:
         """Whether the frame's pose and echo have come, or have been waited for long enough."""

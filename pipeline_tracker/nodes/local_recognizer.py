@@ -6,15 +6,17 @@ import sys
 import time
 from collections import OrderedDict
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import segment_message, stamp_ns, vectorized_from_message
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import MountedNode
+from pipeline_tracker.nodes.lifecycle import Scope
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
-from pipeline_tracker.nodes.worker import Worker
+from pipeline_tracker.nodes.worker import END_WITHIN, Worker
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.types import PipeSegment
 
@@ -30,15 +32,20 @@ class LocalRecognizer(MountedNode):
 
     NAME = "local_recognizer"
 
-    def start_mounted(self, mounting: Pose) -> None:
-        """Open the topics."""
-        self._recognizer = Recognizer(self.settings, mounting)
-        self._frames: OrderedDict[int, Any] = OrderedDict()
-        self._requests: OrderedDict[int, float] = OrderedDict()
+    def open_outputs(self) -> None:
+        """Open the topic of answers."""
         self._recognition_out = self.speak(
             "pipeline_tracker_msgs/msg/PipeSegment", "pipeline/recognition"
         )
-        self._worker = Worker(self._recognize, REQUESTS, self._on_overrun, self.NAME)
+        self._frames: OrderedDict[int, Any] = OrderedDict()
+        self._requests: OrderedDict[int, float] = OrderedDict()
+
+    def start_mounted(self, mounting: Pose) -> None:
+        """Open the topics of frames and requests."""
+        self._recognizer = Recognizer(self.settings, mounting)
+        recognize = partial(self._recognize, self.scope)
+        self._worker: Worker[Any] = Worker(recognize, REQUESTS, self._on_overrun, self.NAME)
+        self.scope.add(self._worker.close, END_WITHIN)
         self.listen(
             "pipeline_tracker_msgs/msg/VectorizedStereo",
             "pipeline/vectorized",
@@ -50,10 +57,14 @@ class LocalRecognizer(MountedNode):
         )
         self.ready()
 
-    def close(self) -> None:
-        """End the computing thread."""
-        if hasattr(self, "_worker"):
-            self._worker.close(timeout=0.3)
+    def stop(self) -> None:
+        """Forget frames and requests."""
+        self._frames.clear()
+        self._requests.clear()
+
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._recognizer.change(self.settings)
 
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:  # noqa: ARG002 - no matter
         """Forget frames and requests."""
@@ -87,7 +98,7 @@ class LocalRecognizer(MountedNode):
         stamp = stamp_ns(message.header)
         self.dropped("overrun", f"frame of {stamp} ns: requests come faster than they are answered")
 
-    def _recognize(self, message: Any) -> None:
+    def _recognize(self, scope: Scope, message: Any) -> None:
         """Recognise a frame and publish the answer; in the computing thread."""
         stamp = stamp_ns(message.header)
         try:
@@ -95,6 +106,11 @@ class LocalRecognizer(MountedNode):
         except Exception as error:  # noqa: BLE001 - the tracker waits for an answer all the same
             self.refused("frame", error)
             segment = PipeSegment.none(stamp, self.settings.radius)
+        # The node may have been deactivated meanwhile.
+        if scope.is_open:
+            self._answer(segment)
+
+    def _answer(self, segment: PipeSegment) -> None:
         self._recognition_out.publish(
             segment_message(self.messages, segment, self.settings.frames.base_link)
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -22,7 +22,7 @@ from pipeline_tracker.messages import (
 from pipeline_tracker.mounting import StaticTransforms, find_beam
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import MountedNode
-from pipeline_tracker.nodes.frame_flow import FrameFlow
+from pipeline_tracker.nodes.frame_flow import DEACTIVATED, FrameFlow
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
@@ -36,12 +36,24 @@ class PipeTracker(MountedNode):
 
     NAME = "pipe_tracker"
 
+    def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
+        """Make the node; see ``PipelineNode``."""
+        super().__init__(parameters, **options)
+        self._resets = 0
+
+    def open_outputs(self) -> None:
+        """Open the topics of segments, statuses and requests, and the operator's service."""
+        self._segment_out = self.speak("pipeline_tracker_msgs/msg/PipeSegment", "pipeline/segment")
+        self._status_out = self.speak("pipeline_tracker_msgs/msg/TrackingStatus", "pipeline/status")
+        self._request_out = self.speak("std_msgs/msg/Header", "pipeline/recognition_request")
+        self.serve("~/reset", self._reset)
+
     def start_mounted(self, mounting: Pose) -> None:
-        """Open the topics."""
+        """Open the topics of frames, poses and answers."""
         self._base_link = self.settings.frames.base_link
         self._optical = ""
         self._flow = FrameFlow(
-            Tracker(self.settings, mounting, self.settings.recognition.only),
+            Tracker(self.settings, mounting, self.settings.recognition.only, self._resets),
             self.settings,
             self.live_clock,
             publish=self._publish,
@@ -49,9 +61,6 @@ class PipeTracker(MountedNode):
             dropped=self.dropped,
             timeline=self.timeline(),
         )
-        self._segment_out = self.speak("pipeline_tracker_msgs/msg/PipeSegment", "pipeline/segment")
-        self._status_out = self.speak("pipeline_tracker_msgs/msg/TrackingStatus", "pipeline/status")
-        self._request_out = self.speak("std_msgs/msg/Header", "pipeline/recognition_request")
         self._timer = self.every(_POLL, self._poll)
         self._timer.cancel()
         self.listen_to_poses(self._on_pose)
@@ -71,10 +80,27 @@ class PipeTracker(MountedNode):
         )
         self.ready()
 
+    def stop(self) -> None:
+        """Close all frames and forget pipe and poses; the reset counter goes on."""
+        if hasattr(self, "_flow"):
+            self._flow.reset(DEACTIVATED)
+            self._resets = self._flow.reset_counter
+            del self._flow
+
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._flow.change(self.settings)
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget pipe, poses and frames."""
         if hasattr(self, "_flow"):
             self._flow.clock_went_back(now_ns, way_ns)
+
+    def _reset(self) -> str:
+        """Answer the operator's request to forget this pipe and search again."""
+        self.require_ready("reset")
+        self._flow.search_again()
+        return f"the pipe is forgotten and searched for again, reset {self._flow.reset_counter}"
 
     def _on_frame(self, message: Any) -> None:
         self._optical = str(message.header.frame_id)

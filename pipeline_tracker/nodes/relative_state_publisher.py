@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pipeline_tracker.geometry.pose import Pose
@@ -20,6 +21,7 @@ from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.state_flow import FrameState, OutputWatch, StateFlow
+from pipeline_tracker.nodes.timeline import StampJudge
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.types import RelativeState
 
@@ -40,23 +42,15 @@ class RelativeStatePublisher(MountedNode):
 
     NAME = "relative_state_publisher"
 
-    def start_mounted(self, mounting: Pose) -> None:
-        """Open the topics."""
-        settings = self.settings
-        self._frames = settings.frames
+    def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
+        """Make the node; see ``PipelineNode``."""
+        super().__init__(parameters, **options)
         self._reset_counter = 0
-        self._centerline = Centerline()
-        self._watch = OutputWatch(
-            settings.output.timeout, self.live_clock, simulated=settings.use_sim_time
-        )
-        self._flow = StateFlow(
-            RelativeStateEstimator(settings, mounting),
-            settings,
-            self.live_clock,
-            publish=self._publish,
-            dropped=self.dropped,
-            timeline=self.timeline(),
-        )
+        # How often this node itself has forgotten the past: it counts as a reset too.
+        self._resets = 0
+
+    def open_outputs(self) -> None:
+        """Open the topics for the autopilot and for viewers, and the operator's service."""
         self._state_out = self.speak(
             "pipeline_tracker_msgs/msg/RelativeState", "pipeline/relative_state"
         )
@@ -65,6 +59,25 @@ class RelativeStatePublisher(MountedNode):
         }
         self._centerline_out = self.speak("nav_msgs/msg/Path", "pipeline/centerline")
         self._markers_out = self.speak("visualization_msgs/msg/MarkerArray", "pipeline/markers")
+        self.serve("~/set_reference", self._set_reference)
+
+    def start_mounted(self, mounting: Pose) -> None:
+        """Open the topics of segments, statuses and poses."""
+        settings = self.settings
+        self._frames = settings.frames
+        self._centerline = Centerline()
+        self._watch = OutputWatch(
+            settings.output.timeout, self.live_clock, simulated=settings.use_sim_time
+        )
+        self._ages = StampJudge(self.live_clock)
+        self._flow = StateFlow(
+            RelativeStateEstimator(settings, mounting),
+            settings,
+            self.live_clock,
+            publish=self._publish,
+            dropped=self.dropped,
+            timeline=self.timeline(),
+        )
         self.listen_to_poses(self._on_pose)
         self.listen(
             "pipeline_tracker_msgs/msg/PipeSegment",
@@ -81,11 +94,29 @@ class RelativeStatePublisher(MountedNode):
         self._timer = self.every(_POLL, self._poll)
         self.ready()
 
+    def stop(self) -> None:
+        """Forget the past; direction of travel, side and chainage start anew."""
+        if hasattr(self, "_flow"):
+            self._resets += 1
+            self._reset_counter += 1
+            del self._flow, self._watch, self._centerline
+
+    def change(self) -> None:
+        """Go on with other settings."""
+        self._flow.change(self.settings)
+        self._watch.change(self.settings.output.timeout)
+
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget the past."""
         if hasattr(self, "_flow"):
             self._flow.clock_went_back(now_ns, way_ns)
             self._watch.restart()
+
+    def _set_reference(self) -> str:
+        """Answer the operator's request to count the chainage from here."""
+        self.require_ready("set_reference")
+        here = self._flow.set_reference()
+        return "chainage 0 is " + ("here" if here else "where the pipe is seen next")
 
     def _on_pose(self, message: Any) -> None:
         self._flow.add_pose(*pose_from_message(message))
@@ -103,9 +134,12 @@ class RelativeStatePublisher(MountedNode):
             self._send(RelativeState(stamp, False, 0.0, self._reset_counter))
 
     def _publish(self, frame: FrameState) -> None:
-        state = frame.state
+        counter = frame.state.reset_counter + self._resets
+        state = replace(frame.state, reset_counter=counter)
         self._reset_counter = state.reset_counter
-        self._watch.heard(state.stamp_ns)
+        if not self._watch.heard(state.stamp_ns, self._age(state.stamp_ns)):
+            self.dropped("state_too_late", f"image of {state.stamp_ns} ns: not valid any more")
+            state = replace(state, valid=False, quality=0.0)
         self._send(state)
         if state.valid:
             for name, variance in _NUMBERS.items():
@@ -122,6 +156,12 @@ class RelativeStatePublisher(MountedNode):
                 self.messages, frame.status, frame.segment, state, self._frames.base_link
             )
         )
+
+    def _age(self, stamp_ns: int) -> float:
+        """Time since an image was taken, s; 0 where its stamp is not of this machine's clock."""
+        # Simulated time may run faster than the machine computes: late there is not late here.
+        age = None if self.settings.use_sim_time else self._ages.age("image", stamp_ns)
+        return max(0.0, age or 0.0)
 
     def _send(self, state: RelativeState) -> None:
         self._state_out.publish(

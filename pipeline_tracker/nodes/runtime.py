@@ -6,18 +6,19 @@ import os
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import rclpy
 import rclpy.utilities
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.nodes.base import PipelineNode
+from pipeline_tracker.nodes.lifecycle import in_words
 from pipeline_tracker.nodes.process import CHILD_VARIABLE, Stop
-from pipeline_tracker.pipeline import warm_up
 
 # After a signal everything ends within 2 s; this much of it is for our own threads.
 END_WITHIN = 0.8
@@ -28,7 +29,7 @@ def run_nodes(
     args: Sequence[str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     stop: Stop | None = None,
-) -> int:
+) -> NoReturn:
     """Run nodes in this process until SIGINT, SIGTERM or a node that cannot be configured.
 
     Args:
@@ -37,8 +38,8 @@ def run_nodes(
         parameters: parameter values for all of them.
         stop: with signal handlers already installed; None: they are installed here.
 
-    Returns:
-        Exit code: 0 after a signal, 2 after an error that the user can put right, 1 after another.
+    The process ends here, with exit code 0 after a signal, 2 after an error that the user can put
+    right, 1 after another.
     """
     if stop is None:
         stop = Stop()
@@ -52,13 +53,11 @@ def run_nodes(
     code = stop.wait()
     session.end()
     thread.join(END_WITHIN)
-    if thread.is_alive() or CHILD_VARIABLE in os.environ:
-        # A compiler or a kernel cannot be interrupted, and to end Python under it may crash. Of a
-        # child of `run` nothing is left but Python itself, which takes half a second to end.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code or 0)
-    return code or 0
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # A compiler or a kernel cannot be interrupted, and to end Python under it may crash. Where the
+    # thread has ended nothing is left but Python itself, which takes half a second to end.
+    os._exit(code or 0)
 
 
 class _Session:
@@ -107,13 +106,15 @@ class _Session:
     def _bring_up(self) -> None:
         for kind in self._kinds:
             self._nodes.append(kind(self._parameters))
-            self._nodes[-1].configure()
-        # Before the topics are opened: whoever waits for subscribers waits for readiness.
-        warm_up(self._nodes[0].settings)
+        # All are configured before one is active: whoever waits for subscribers waits for all.
+        started = [node for node in self._nodes if node.autostart]
+        for node in started:
+            _succeed(node, node.trigger_configure())
         executor = SingleThreadedExecutor()
         for node in self._nodes:
             executor.add_node(node)
-            node.activate()
+        for node in started:
+            _succeed(node, node.trigger_activate())
         self._executor = executor
 
     def _spin_once(self) -> None:
@@ -123,12 +124,17 @@ class _Session:
             self._nodes[0].refused("executor", error)
 
     def _report(self, error: Exception) -> int:
-        """Log the error in one line and return the exit code."""
-        logger = self._nodes[-1].get_logger() if self._nodes else get_logger("pipeline_tracker")
-        expected = isinstance(error, PipelineTrackerError)
-        kind = "" if expected else f"{type(error).__name__}: "
-        logger.fatal(" ".join(f"{kind}{error}".split()))
-        return 2 if expected else 1
+        """Log the error in one line, unless its node has, and return the exit code."""
+        if not any(node.failure is error for node in self._nodes):
+            logger = self._nodes[-1].get_logger() if self._nodes else get_logger("pipeline_tracker")
+            logger.fatal(in_words(error))
+        return 2 if isinstance(error, PipelineTrackerError) else 1
+
+
+def _succeed(node: PipelineNode, result: TransitionCallbackReturn) -> None:
+    """Raise what a transition has failed of."""
+    if result != TransitionCallbackReturn.SUCCESS:
+        raise node.failure or RuntimeError("a transition failed")
 
 
 def _end_with_parent(stop: Stop) -> None:

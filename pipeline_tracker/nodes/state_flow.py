@@ -10,7 +10,7 @@ from statistics import median
 
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
-from pipeline_tracker.nodes.live_clock import LiveClock, Mark
+from pipeline_tracker.nodes.live_clock import STANDSTILL, LiveClock, Mark
 from pipeline_tracker.nodes.timeline import Step, Timeline
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.settings import Settings
@@ -76,6 +76,7 @@ class StateFlow:
         self._timeline = timeline or Timeline()
         self._statuses: deque[tuple[TrackingStatus, Mark]] = deque()
         self._segments: OrderedDict[int, PipeSegment] = OrderedDict()
+        self._newest: int | None = None
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> None:
         """Take in a pose of base_link in odom."""
@@ -99,10 +100,28 @@ class StateFlow:
         """Take in a status."""
         if not self._goes_on("status", status.stamp_ns):
             return
+        stamp = status.stamp_ns
+        if self._newest is not None and stamp <= self._newest:
+            self._dropped("status_late_or_repeated", f"stamp {stamp} ns is not after the last one")
+            return
+        self._newest = stamp
         self._statuses.append((status, self._clock.mark()))
         while len(self._statuses) > QUEUE:
             self._finish()
         self.poll()
+
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``pose.wait`` and other settings of the motion."""
+        self._pose_wait = settings.pose.wait
+        self._estimator.change(settings)
+
+    def set_reference(self) -> bool:
+        """Set the chainage to 0 where the vehicle is now.
+
+        Returns:
+            Whether that is known; else it is 0 where the pipe is seen next.
+        """
+        return self._estimator.set_reference()
 
     def clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget everything, the simulated clock has gone back."""
@@ -116,17 +135,18 @@ class StateFlow:
 
     def _goes_on(self, kind: str, stamp_ns: int) -> bool:
         """Whether a stamp is to be used; time going back makes all forget the past."""
-        step = self._timeline.see(kind, stamp_ns)
+        step, reason, details = self._timeline.refusal(kind, stamp_ns)
+        if reason:
+            self._dropped(reason, details)
         if step is Step.BACKWARD:
             self._forget()
-        if step is Step.PAST:
-            self._dropped(f"{kind}_of_the_past", f"stamp {stamp_ns} ns is of before the reset")
-        return step is not Step.PAST
+        return not reason
 
     def _forget(self) -> None:
         self._poses.clear()
         self._statuses.clear()
         self._segments.clear()
+        self._newest = None
         self._estimator.reset()
 
     def _is_complete(self, status: TrackingStatus, since: Mark) -> bool:
@@ -186,13 +206,31 @@ class OutputWatch:
         periods = [after - before for before, after in pairwise(self._stamps)]
         return max(0.5, 3.0 * median(periods) / SECOND_NS) if periods else 0.5
 
-    def heard(self, stamp_ns: int) -> None:
-        """Take notice of a frame."""
+    def change(self, timeout: float) -> None:
+        """Go on with another timeout; it counts from the last frame too."""
+        self._timeout = timeout
+
+    def heard(self, stamp_ns: int, age: float = 0.0) -> bool:
+        """Take notice of a frame.
+
+        Args:
+            stamp_ns: its stamp, ns.
+            age: time since then, s, where it is known: it counts for the timeout.
+
+        Returns:
+            Whether it is in time: older than the timeout it must not be taken for valid.
+        """
         if self._stamps and stamp_ns <= self._stamps[-1]:
             self._stamps.clear()
         self._stamps.append(stamp_ns)
-        self._since = self._clock.mark()
+        now = self._clock.mark()
+        self._since = Mark(now.now_ns - round(age * SECOND_NS), now.steady - age)
         self._silent = False
+        if age <= self.timeout:
+            return True
+        # What is said of it is that it is not valid: no need to say it again.
+        self._since, self._silent = now, True
+        return False
 
     def restart(self) -> None:
         """Count from now on, the clock has gone back."""
@@ -206,8 +244,9 @@ class OutputWatch:
             step: time between two calls, s; the first state comes rather before the timeout than
                 after it. Then one comes each second.
         """
-        passed = self._clock.since(self._since)
-        if passed < (1.0 if self._silent else self.timeout - step):
+        wanted = 1.0 if self._silent else self.timeout - step
+        # A clock that stops must not make a short timeout longer.
+        if self._clock.since(self._since, min(STANDSTILL, max(wanted, 0.0))) < wanted:
             return None
         self._since = self._clock.mark()
         self._silent = True

@@ -14,8 +14,8 @@ from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import PipelineNode
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
-from pipeline_tracker.nodes.timeline import Step
-from pipeline_tracker.nodes.worker import Worker
+from pipeline_tracker.nodes.timeline import StampJudge, Step
+from pipeline_tracker.nodes.worker import END_WITHIN, Worker
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
 from pipeline_tracker.types import VectorizedStereo
@@ -51,38 +51,50 @@ class StereoVectorizer(PipelineNode):
 
     NAME = "stereo_vectorizer"
 
+    def open_outputs(self) -> None:
+        """Open the topic of vectorized pairs."""
+        self._epoch = 0
+        self._lock = threading.Lock()
+        self._vectorized_out = self.speak(
+            "pipeline_tracker_msgs/msg/VectorizedStereo", "pipeline/vectorized"
+        )
+
     def start(self) -> None:
-        """Open the topics."""
+        """Open the topics of images and camera infos."""
         settings = self.settings
         self._stereo = settings.mode == "stereo"
         sync = settings.sync
         self._sync: StereoSynchroniser[Any] = StereoSynchroniser(
             sync.tolerance, sync.max_wait, sync.queue
         )
-        self._timeline = self.timeline()
+        self._judge = StampJudge(self.live_clock, settings.image.max_age)
+        self._timeline = self.timeline(self._judge)
         self._vectorizer = Vectorizer(settings)
         self._infos = Infos()
-        self._without_info: deque[Pair] = deque()
-        self._epoch = 0
-        self._lock = threading.Lock()
         self._images: tuple[Infos, StereoImages] | None = None
-        self._vectorized_out = self.speak(
-            "pipeline_tracker_msgs/msg/VectorizedStereo", "pipeline/vectorized"
-        )
+        self._without_info: deque[Pair] = deque()
         self._worker = Worker(self._vectorize, QUEUE, self._on_overrun, self.NAME)
+        self.scope.add(self._worker.close, END_WITHIN)
         for side in ("left", "right") if self._stereo else ("left",):
             self._listen_to(side)
         self.ready()
 
-    def close(self) -> None:
-        """End the computing thread."""
-        if hasattr(self, "_worker"):
-            self._worker.close(timeout=0.3)
+    def stop(self) -> None:
+        """Forget what is under way, and all memory that it takes."""
+        self._forget("deactivated")
+        self._infos = Infos()
+        self._images = None
+        # A new one, without the working memory of the old.
+        self._vectorizer = Vectorizer(self.settings)
+
+    def change(self) -> None:
+        """Go on with another ``image.max_age``."""
+        self._judge.max_age = self.settings.image.max_age
 
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget what is under way."""
         if self._timeline.clock_went_back(now_ns, way_ns):
-            self._forget()
+            self._forget("time_went_backward")
 
     def _listen_to(self, side: str) -> None:
         name = "image_raw" if self.settings.camera.rectify else "image_rect"
@@ -110,12 +122,12 @@ class StereoVectorizer(PipelineNode):
 
     def _on_image(self, side: str, message: Any) -> None:
         stamp = stamp_ns(message.header)
-        step = self._timeline.see(side, stamp)
-        if step is Step.PAST:
-            self.dropped("image_of_the_past", f"{side} image of {stamp} ns")
+        step, reason, details = self._timeline.refusal(f"{side}_image", stamp)
+        if reason:
+            self.dropped(reason, details)
             return
         if step is Step.BACKWARD:
-            self._forget()
+            self._forget("time_went_backward")
         if not self._stereo:
             self._take(Pair(stamp, message, None, self._epoch))
             return
@@ -153,14 +165,14 @@ class StereoVectorizer(PipelineNode):
     def _on_overrun(self, item: tuple[Pair, Infos]) -> None:
         self.dropped("overrun", f"pair of {item[0].stamp_ns} ns: images come faster than computed")
 
-    def _forget(self) -> None:
-        """Drop what is held and under way: it is of the time before."""
+    def _forget(self, reason: str) -> None:
+        """Drop what is held and under way."""
         held = len(self._sync.reset()) + len(self._without_info) + self._worker.clear()
         self._without_info.clear()
         with self._lock:
             self._epoch += 1
         if held:
-            self.dropped("time_went_backward", f"{held} images and pairs of before")
+            self.dropped(reason, f"{held} images and pairs of before")
 
     def _vectorize(self, item: tuple[Pair, Infos]) -> None:
         """Decode, vectorize and publish a pair; in the computing thread."""
@@ -178,7 +190,7 @@ class StereoVectorizer(PipelineNode):
             if pair.epoch == self._epoch:
                 self._vectorized_out.publish(message)
                 return
-        self.dropped("time_went_backward", f"pair of {pair.stamp_ns} ns")
+        self.dropped("result_of_before", f"pair of {pair.stamp_ns} ns")
 
     def _calibrated(self, infos: Infos) -> StereoImages:
         if self._images is None or self._images[0] is not infos:

@@ -9,6 +9,9 @@ from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
+# What is being computed is waited for at most this long when a node ends, s.
+END_WITHIN = 0.3
+
 
 class Worker(Generic[Item]):
     """Does one thing after another in a thread of its own, oldest first.

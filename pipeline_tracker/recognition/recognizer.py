@@ -55,6 +55,10 @@ class Recognizer:
         # Without a pose base_link is taken as level.
         self._vertical = mounting.inverse().rotate(np.array([0.0, 0.0, 1.0]))
 
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``recognition.min_support``."""
+        self._settings = settings
+
     def recognize(self, frame: VectorizedStereo) -> PipeSegment:
         """Find the pipe in a vectorized frame.
 

@@ -55,11 +55,15 @@ class RelativeStateEstimator:
             settings: ``motion.window`` and ``motion.min_speed`` are used.
             mounting: base_link <- left optical frame.
         """
-        self._window = round(settings.motion.window * SECOND_NS)
-        self._min_speed = settings.motion.min_speed
+        self.change(settings)
         self._camera = mounting.translation
         self._reset_counter: int | None = None
         self.reset()
+
+    def change(self, settings: Settings) -> None:
+        """Go on with another ``motion.window`` and ``motion.min_speed``."""
+        self._window = round(settings.motion.window * SECOND_NS)
+        self._min_speed = settings.motion.min_speed
 
     def reset(self) -> None:
         """Forget the past: direction of travel, side, chainage and the previous image."""
@@ -69,9 +73,15 @@ class RelativeStateEstimator:
         self._previous: tuple[int, Pose | None] | None = None
         self._position: Array | None = None
 
-    def set_reference(self) -> None:
-        """Set the chainage to 0 where the vehicle is now; it grows in the direction of travel."""
+    def set_reference(self) -> bool:
+        """Set the chainage to 0 where the vehicle is now; it grows in the direction of travel.
+
+        Returns:
+            Whether it is known where that is: at the last image with a pose. Else it is 0 where
+            the pipe is seen next.
+        """
         self._chainage.set_reference(self._position)
+        return self._position is not None
 
     def update(
         self, status: TrackingStatus, segment: PipeSegment | None, poses: PoseBuffer

@@ -97,13 +97,20 @@ class _Found:
 class Tracker:
     """Follows the pipe from frame to frame; the state machine searching, tracking, coasting."""
 
-    def __init__(self, settings: Settings, mounting: Pose, recognition_only: bool = False) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        mounting: Pose,
+        recognition_only: bool = False,
+        reset_counter: int = 0,
+    ) -> None:
         """Start without a pipe.
 
         Args:
             settings: all settings.
             mounting: base_link <- left optical frame.
             recognition_only: recognise each frame by itself, track nothing.
+            reset_counter: how often trackers before this one have forgotten their past.
         """
         self._settings = settings
         self._mounting = mounting
@@ -112,7 +119,7 @@ class Tracker:
         self._mono = MonoFollower(settings, mounting)
         self._to_optical = mounting.inverse()
         self._overlap = OverlapWatch(settings.motion.min_overlap)
-        self._reset_counter = 0
+        self._reset_counter = reset_counter
         self._forget()
         self._open: _OpenFrame | None = None
 
@@ -125,6 +132,11 @@ class Tracker:
     def reset_counter(self) -> int:
         """How often the tracker has forgotten its past."""
         return self._reset_counter
+
+    def change(self, settings: Settings) -> None:
+        """Go on with other limits: of ``tracking``, ``motion`` and ``pose.max_speed``."""
+        self._settings = settings
+        self._overlap.least = settings.motion.min_overlap
 
     def reset(self, reason: str) -> None:
         """Forget everything; the next frame's reason tells why.

@@ -99,10 +99,10 @@ def scene() -> Scene:
 @pytest.fixture(scope="session")
 def compiled() -> None:
     """All kernels compiled, as the nodes do before they are ready."""
-    from pipeline_tracker.pipeline import warm_up
+    from pipeline_tracker.nodes.base import compile_kernels
     from pipeline_tracker.settings_io import load_settings
 
-    warm_up(load_settings(None, list(Scene.settings)))
+    compile_kernels(load_settings(None, list(Scene.settings)))
 
 
 @pytest.fixture(scope="session")
@@ -318,16 +318,19 @@ class Live:
     ) -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
+        from rclpy.lifecycle import TransitionCallbackReturn
 
         self.context = rclpy.Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
         self.nodes = [kind(parameters, context=self.context, **options) for kind in kinds]
         self.executor = SingleThreadedExecutor(context=self.context)
         for node in self.nodes:
-            node.configure()
-        for node in self.nodes:
             self.executor.add_node(node)
-            node.activate()
+            if node.autostart:
+                assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        for node in self.nodes:
+            if node.autostart:
+                assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
         self._ended = False
         self.thread = threading.Thread(target=self._spin, daemon=True)
         self.thread.start()

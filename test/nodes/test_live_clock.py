@@ -57,3 +57,27 @@ def test_a_clock_that_went_back_gives_less_than_nothing() -> None:
     mark = clocks.live.mark()
     clocks.now -= 40 * SECOND
     assert clocks.live.since(mark) == pytest.approx(-40.0)
+
+
+def test_the_pace_is_that_of_the_last_while_and_at_least_1() -> None:
+    clocks = Clocks()
+    assert clocks.live.pace == 1.0
+    clocks.go(simulated=30.0, real=3.0)
+    assert clocks.live.pace == pytest.approx(10.0, rel=0.01)
+    clocks.go(simulated=1.0, real=2.0)
+    assert clocks.live.pace == 1.0
+    clocks.now -= 40 * SECOND
+    clocks.live.now_ns()
+    assert clocks.live.pace == 1.0
+
+
+def test_a_clock_runs_from_its_beginning_until_it_stands_still() -> None:
+    clocks = Clocks()
+    clocks.now = 0
+    unborn = LiveClock(lambda: clocks.now, lambda: clocks.steady)
+    assert not unborn.runs
+    clocks.now = SECOND
+    unborn.now_ns()
+    assert unborn.runs
+    clocks.steady += STANDSTILL
+    assert not unborn.runs

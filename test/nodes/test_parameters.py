@@ -22,6 +22,7 @@ MOUNTING = {
 def make(domain: int) -> Any:
     """Makes configured trackers in a domain of their own."""
     import rclpy
+    from rclpy.lifecycle import TransitionCallbackReturn
 
     from pipeline_tracker.nodes.pipe_tracker import PipeTracker
 
@@ -32,11 +33,13 @@ def make(domain: int) -> Any:
     def make(parameters: dict[str, Any], arguments: list[str] | None = None) -> Any:
         cli = ["--ros-args", *arguments] if arguments else None
         nodes.append(PipeTracker(parameters, context=context, cli_args=cli))
-        nodes[-1].configure()
+        if nodes[-1].trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            raise nodes[-1].failure
         return nodes[-1]
 
     yield make
     for node in nodes:
+        node.close()
         node.destroy_node()
     context.try_shutdown()
 
@@ -49,7 +52,6 @@ def test_every_setting_is_a_parameter_with_description_and_range(make: Any) -> N
             continue
         descriptor = node.describe_parameter(row.key)
         assert descriptor.description == row.description
-        assert descriptor.read_only
         if row.maximum is not None and row.kind == "number":
             assert descriptor.floating_point_range[0].to_value == row.maximum
     diameter = node.describe_parameter("pipe.diameter")

@@ -179,6 +179,32 @@ def test_another_reset_counter_forgets_the_past() -> None:
     assert desk.out[-1].state.reset_counter == 1
 
 
+def test_a_status_that_comes_again_or_late_gives_no_second_state() -> None:
+    desk = Desk()
+    desk.pose(9.0, 20.0)
+    for stamp in (10.0, 11.0, 11.0, 10.5, 12.0):
+        desk.flow.add_status(status(stamp, State.SEARCHING))
+    assert desk.stamps == [10.0, 11.0, 12.0]
+    assert desk.drops == ["status_late_or_repeated"] * 2
+
+
+def test_chainage_is_counted_from_a_reference_point() -> None:
+    desk = Desk()
+    assert not desk.flow.set_reference()
+    desk.pose(*(0.5 * k for k in range(40)))
+
+    def drive(*stamps: float) -> list[float]:
+        for stamp in stamps:
+            desk.flow.add_segment(segment(stamp))
+            desk.flow.add_status(status(stamp))
+        return [out.state.chainage for out in desk.out[-len(stamps) :]]
+
+    assert drive(10.0, 11.0, 12.0) == pytest.approx([0.0, 0.3, 0.6])
+    assert desk.flow.set_reference()
+    assert drive(13.0, 14.0) == pytest.approx([0.3, 0.6])
+    assert {out.state.reset_counter for out in desk.out} == {0}
+
+
 @pytest.mark.parametrize("who", ["pose", "clock"])
 def test_the_lap_after_a_step_back_is_like_the_first(who: str) -> None:
     desk = Desk()
@@ -253,3 +279,33 @@ class TestOutputWatch:
         assert [when for when, _ in stamps] == pytest.approx([0.95, 1.95, 2.95], abs=0.051)
         # Never the stamp of a frame.
         assert {stamp for _, stamp in stamps} == {desk.now + 1}
+
+    def test_a_clock_that_stops_does_not_make_a_short_timeout_longer(self) -> None:
+        desk = Desk()
+        watch = OutputWatch(0.3, desk.clock, simulated=True)
+        watch.heard(desk.now)
+        due = []
+        for _ in range(6):
+            desk.steady += 0.05
+            if watch.due(0.05) is not None:
+                due.append(round(desk.steady, 2))
+        assert due == pytest.approx([0.25], abs=0.051)
+
+    def test_the_age_of_a_frame_counts(self) -> None:
+        desk = Desk()
+        watch = OutputWatch(1.0, desk.clock)
+        assert watch.heard(desk.now, age=0.6)
+        assert self.run(desk, watch, 1.0) == pytest.approx([0.35], abs=0.051)
+
+    def test_a_frame_that_is_too_late_is_said_not_to_be_valid_and_that_is_enough(self) -> None:
+        desk = Desk()
+        watch = OutputWatch(1.0, desk.clock)
+        assert not watch.heard(desk.now, age=1.1)
+        assert self.run(desk, watch, 1.5) == pytest.approx([1.0], abs=0.051)
+
+    def test_another_timeout_counts_from_the_last_frame(self) -> None:
+        desk = Desk()
+        watch = OutputWatch(10.0, desk.clock)
+        assert not self.run(desk, watch, 2.0)
+        watch.change(1.0)
+        assert self.run(desk, watch, 0.1)

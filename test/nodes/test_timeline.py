@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from pipeline_tracker.nodes.timeline import Step, Timeline
+import pytest
+
+from pipeline_tracker.nodes.live_clock import STANDSTILL, LiveClock
+from pipeline_tracker.nodes.timeline import StampJudge, Step, Timeline
 
 SECOND = 1_000_000_000
 
@@ -104,3 +107,82 @@ def test_a_simulated_clock_that_reached_halfway_ends_the_leftovers() -> None:
     assert seconds(timeline, "frame", 100.0) == [Step.PAST]
     clocks.now = 100 * SECOND
     assert seconds(timeline, "frame", 100.1) == [Step.FORWARD]
+
+
+class Judged:
+    """A timeline that goes by a clock which runs on its own."""
+
+    def __init__(self, now: float = 1000.0, *, max_age: float | None = None) -> None:
+        self.now = round(now * SECOND)
+        self.steady = 0.0
+        self.clock = LiveClock(lambda: self.now, lambda: self.steady)
+        judge = StampJudge(self.clock, max_age)
+        self.timeline = Timeline(judge=judge, steady=lambda: self.steady)
+
+    def go(self, seconds: float, pace: float = 1.0) -> None:
+        self.steady += seconds
+        self.now += round(seconds * pace * SECOND)
+
+    def see(self, kind: str, *stamps: float) -> list[Step]:
+        return seconds(self.timeline, kind, *stamps)
+
+
+@pytest.mark.parametrize("stamp", [0, -5])
+def test_a_stamp_that_is_not_set_is_no_step_back(stamp: int) -> None:
+    timeline = Clocks().timeline()
+    seconds(timeline, "pose", 100)
+    step, reason, details = timeline.refusal("pose", stamp)
+    assert (step, reason) == (Step.UNSET, "pose_without_stamp")
+    assert f"stamp {stamp} ns is not set" in details
+    assert seconds(timeline, "pose", 100.1) == [Step.FORWARD]
+
+
+def test_a_stamp_ahead_of_the_clock_is_refused_and_leaves_no_trace() -> None:
+    judged = Judged()
+    assert judged.see("pose", 1000.0, 1003.0, 1000.1) == [Step.FORWARD, Step.FUTURE, Step.FORWARD]
+
+
+def test_a_single_old_stamp_is_no_step_back_where_the_clock_runs_on() -> None:
+    judged = Judged()
+    assert judged.see("pose", 999.9, 990.0, 1000.0) == [Step.FORWARD, Step.STALE, Step.FORWARD]
+
+
+def test_stamps_that_go_back_with_the_clock_are_a_step_back() -> None:
+    judged = Judged()
+    judged.see("pose", 999.9)
+    judged.go(-10.0)
+    assert judged.see("pose", 990.0) == [Step.BACKWARD]
+
+
+def test_what_is_older_than_its_input_may_be_is_stale() -> None:
+    judged = Judged(max_age=2.0)
+    assert judged.see("image", 997.9, 998.1) == [Step.STALE, Step.FORWARD]
+    # Of poses the past is wanted too.
+    assert Judged().see("pose", 990.0) == [Step.FORWARD]
+
+
+def test_a_simulation_that_runs_fast_has_more_time() -> None:
+    judged = Judged(max_age=2.0)
+    for _ in range(20):
+        judged.go(0.2, pace=10.0)
+        judged.see("image", judged.now / SECOND)
+    now = judged.now / SECOND
+    assert judged.see("one", now - 15.0) == [Step.FORWARD]
+    assert judged.see("other", now - 25.0) == [Step.STALE]
+
+
+def test_stamps_of_another_clock_are_not_judged() -> None:
+    judged = Judged(max_age=2.0)
+    assert judged.see("image", 10.0, 11.0) == [Step.FORWARD] * 2
+    assert judged.see("image", 5.0) == [Step.BACKWARD]
+    # Once an input goes by the clock it is held to it.
+    assert judged.see("image", 1000.0, 10.0) == [Step.FORWARD, Step.STALE]
+
+
+def test_nothing_is_judged_by_a_clock_that_stands_still_or_has_not_begun() -> None:
+    judged = Judged(max_age=2.0)
+    judged.see("image", 1000.0)
+    judged.steady += STANDSTILL
+    assert judged.see("image", 1005.0) == [Step.FORWARD]
+    unborn = Judged(0.0, max_age=2.0)
+    assert unborn.see("image", 5.0, 30.0) == [Step.FORWARD] * 2
