@@ -84,9 +84,16 @@ class Health:
             self._unused[reason] += count
             return self._unused[reason]
 
+    @property
+    def mismatches(self) -> list[str]:
+        """The topics with ends that cannot be joined."""
+        return list(self._mismatches)
+
     def mismatched(self, topic: str, words: str) -> None:
-        """Take notice of ends of a topic that cannot be joined."""
-        self._mismatches[topic] = words
+        """Take notice of ends of a topic that cannot be joined; no words: they can again."""
+        self._mismatches.pop(topic, None)
+        if words:
+            self._mismatches[topic] = words
 
     def note(self, key: str, value: str, level: Level = Level.OK, words: str = "") -> None:
         """Set a value of the report, and what is amiss about it.
