@@ -61,7 +61,6 @@ class Health:
         self._state, self._cause = state, cause
         # What was before says nothing about the time to come.
         self._inputs.clear()
-        self._mismatches.clear()
         self._notes.clear()
         self._past.clear()
         self.latency.clear()

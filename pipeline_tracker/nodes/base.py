@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar
 
 from rclpy.clock import Clock, JumpThreshold, TimeJump
@@ -16,10 +17,21 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
+from pipeline_tracker.diagnostics.health import ACTIVE, INACTIVE, UNCONFIGURED, Health
+from pipeline_tracker.diagnostics.inputs import Need
+from pipeline_tracker.diagnostics.levels import Level, Report
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.geometry.pose_buffer import SECOND_NS
+from pipeline_tracker.messages import pose_from_message, stamp_ns
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.conversions import LiveMessages, message_class
+from pipeline_tracker.nodes.diagnostics import (
+    DiagnosticsSpeaker,
+    QosWatch,
+    status_name,
+    subscribe,
+)
 from pipeline_tracker.nodes.lifecycle import ManagedNode, in_words
 from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.mounting import MountingListener, mounting_of_settings
@@ -33,6 +45,9 @@ from pipeline_tracker.nodes.parameters import (
 from pipeline_tracker.nodes.timeline import StampJudge, Timeline
 from pipeline_tracker.pipeline import warm_up
 from pipeline_tracker.settings import Settings
+from pipeline_tracker.validation.ours import check_output
+
+_NO_MOUNTING = "waiting for the camera's mounting on /tf_static"
 
 # One warning of each kind in this time, s.
 WARN_EVERY = 5.0
@@ -57,6 +72,8 @@ class PipelineNode(ManagedNode):
     """
 
     NAME: ClassVar[str]
+    # What the node is given and answers, in a word.
+    ITEMS: ClassVar[str] = "frames"
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node, unconfigured; no topic is opened yet.
@@ -73,8 +90,12 @@ class PipelineNode(ManagedNode):
         )
         self.messages = LiveMessages()
         self.drops: Counter[str] = Counter()
+        self._drops_lock = threading.Lock()
         self._warned: dict[str, float] = {}
         self.is_ready = False
+        self.health = Health(status_name(self.get_namespace(), self.NAME), self.ITEMS)
+        self._qos_watch = QosWatch(self, self.health, self.warn)
+        self._speaker = DiagnosticsSpeaker(self, self.reports)
         self.settings: Settings
         self.live_clock: LiveClock
         declare_settings(self)
@@ -86,6 +107,16 @@ class PipelineNode(ManagedNode):
         """Whether the node is to be configured and activated by its own process."""
         # Anything else than false is for the settings to judge.
         return self.get_parameter(AUTOSTART).value is not False
+
+    def reports(self) -> Iterable[Report]:
+        """Return what is told of the node's health, once a second."""
+        self._qos_watch.look()
+        return [self.health.report()]
+
+    def became(self, failure: Exception | None = None) -> None:
+        """Tell the node's health in which state it is, and what has failed."""
+        state = ACTIVE if self.is_active else INACTIVE if self.is_configured else UNCONFIGURED
+        self.health.became(state, "" if failure is None else in_words(failure))
 
     def configure(self) -> None:
         """Read and check the settings, compile the kernels and open the outputs.
@@ -158,39 +189,83 @@ class PipelineNode(ManagedNode):
             judge=judge or StampJudge(self.live_clock),
         )
 
-    def dropped(self, reason: str, details: str = "") -> None:
-        """Count an input that is not used, and warn once in a while for each reason."""
-        self.drops[reason] += 1
-        now = time.monotonic()
-        if now - self._warned.get(reason, -WARN_EVERY) < WARN_EVERY:
-            return
-        self._warned[reason] = now
+    def dropped(self, reason: str, details: str = "", items: int = 0, field: str = "") -> None:
+        """Count an input that is not used, and warn once in a while for each reason.
+
+        Args:
+            reason: in a word or two.
+            details: which one, and why.
+            items: how many of what the node is given are lost with it.
+            field: of a message, which is warned about by itself.
+        """
+        if items:
+            self.health.ledger.dropped(reason, items)
+        else:
+            self.health.unused(reason)
+        with self._drops_lock:
+            self.drops[reason] += 1
+            count = self.drops[reason]
         words = f"{reason}: {details}" if details else reason
-        self.get_logger().warning(f"{words} ({self.drops[reason]} so far)")
+        self.warn(f"{reason} {field}", f"{words} ({count} so far)")
+
+    def warn(self, kind: str, words: str) -> None:
+        """Log a warning, at most once in ``WARN_EVERY`` seconds for each kind."""
+        now = time.monotonic()
+        if now - self._warned.get(kind, -WARN_EVERY) < WARN_EVERY:
+            return
+        self._warned[kind] = now
+        self.get_logger().warning(words)
+
+    def answered(self, stamp: int, items: int = 1) -> None:
+        """Count what has been answered, and how long it took since its stamp, ns."""
+        self.health.ledger.processed(items)
+        self.health.latency.add((self._now_ns() - stamp) / SECOND_NS)
 
     def listen(
-        self, type_name: str, topic: str, callback: Callable[[Any], None], profile: qos.Profile
+        self,
+        type_name: str,
+        topic: str,
+        callback: Callable[[Any], None],
+        profile: qos.Profile,
+        read: Callable[[Any], Any] | None = None,
+        need: Need = Need.ALWAYS,
+        *,
+        counted: bool = False,
     ) -> Subscription:
         """Subscribe to a topic; a message that cannot be used is counted and never ends the node.
 
         Args:
             type_name: ``package/msg/Name``.
             topic: relative name.
-            callback: called with each message.
+            callback: called with each message, or with what ``read`` makes of it.
             profile: the topic's quality of service.
+            read: checks a message and makes something of it; what it raises refuses the message.
+            need: what the node does without this topic.
+            counted: each message is an item of the node's ledger.
         """
         scope = self.scope
+        watch = self.health.watch(topic, need)
 
         def guarded(message: Any) -> None:
             # The executor may have taken one more when the topic was closed.
             if not scope.is_open:
                 return
+            self.health.heard(watch, self._age_of(message))
+            if counted:
+                self.health.ledger.received()
             try:
-                callback(message)
+                given = message if read is None else read(message)
+            except Exception as error:  # noqa: BLE001 - whatever a message does, the node lives on
+                self.refused(topic, error, int(counted))
+                return
+            try:
+                callback(given)
             except Exception as error:  # noqa: BLE001 - whatever a message does, the node lives on
                 self.refused(topic, error)
 
-        subscription = self.create_subscription(
+        subscription = subscribe(
+            self,
+            self._qos_watch.of_subscription(topic, watch),
             message_class(type_name),
             topic,
             guarded,
@@ -198,22 +273,29 @@ class PipelineNode(ManagedNode):
             qos_overriding_options=qos.overriding_options(),
         )
         scope.add(self.destroy_subscription, subscription)
+        scope.add(self.health.forget, topic)
         return subscription
 
-    def listen_to_poses(self, callback: Callable[[Any], None]) -> Subscription:
+    def listen_to_poses(self, callback: Callable[[int, Pose], None]) -> Subscription:
         """Subscribe to vnm/pose, of the type that the settings say."""
-        return self.listen(_POSE_TYPES[self.settings.pose_type], "vnm/pose", callback, qos.POSE)
+        kind = _POSE_TYPES[self.settings.pose_type]
 
-    def speak(self, type_name: str, topic: str) -> Publisher:
+        def on_pose(given: tuple[int, Pose]) -> None:
+            callback(*given)
+
+        return self.listen(kind, "vnm/pose", on_pose, qos.POSE, pose_from_message, Need.WANTED)
+
+    def speak(self, type_name: str, topic: str) -> Voice:
         """Return a publisher of one of our topics; it is silent while the node is not active."""
         publisher = self.create_lifecycle_publisher(
             message_class(type_name),
             topic,
             qos.PIPELINE.qos(),
             qos_overriding_options=qos.overriding_options(),
+            event_callbacks=self._qos_watch.of_publisher(topic),
         )
         self.scope.add(self.destroy_lifecycle_publisher, publisher)
-        return publisher
+        return Voice(publisher, type_name)
 
     def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
         """Call something at intervals of the steady clock, which runs when simulated time stops."""
@@ -268,15 +350,20 @@ class PipelineNode(ManagedNode):
         if not self.is_ready:
             raise NotReadyError(f"{what}: {self.NAME} still waits for the camera's mounting")
 
-    def refused(self, what: str, error: Exception) -> None:
-        """Count and report a message, or a step of ours, that failed."""
+    def refused(self, what: str, error: Exception, items: int = 0) -> None:
+        """Count and report a message, or a step of ours, that failed; see ``dropped``."""
         expected = isinstance(error, PipelineTrackerError | ValueError)
         reason = f"{what} refused" if expected else f"{what} failed"
-        self.dropped(reason, in_words(error)[:300])
+        self.dropped(reason, in_words(error)[:300], items, str(getattr(error, "field", "")))
 
     def _stop(self) -> None:
         self.is_ready = False
         self.stop()
+
+    def _age_of(self, message: Any) -> float | None:
+        """Return the time since a message's stamp, s; None where it has none."""
+        header = getattr(message, "header", message)
+        return (self._now_ns() - stamp_ns(header)) / SECOND_NS if hasattr(header, "stamp") else None
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
@@ -289,6 +376,24 @@ class PipelineNode(ManagedNode):
             self.on_clock_went_back(self._now_ns(), way)
         except Exception as error:  # noqa: BLE001 - an error in a jump callback is lost in rclpy
             self.refused("clock", error)
+
+
+class Voice:
+    """A publisher that lets nothing out that must not be published."""
+
+    def __init__(self, publisher: Publisher, type_name: str) -> None:
+        """Take a publisher of ``type_name``, ``package/msg/Name``."""
+        self._publisher = publisher
+        self._type_name = type_name
+
+    def publish(self, message: Any) -> None:
+        """Publish a message.
+
+        Raises:
+            MessageError: it has a number that is not finite, or is otherwise impossible.
+        """
+        check_output(self._type_name, message)
+        self._publisher.publish(message)
 
 
 _compiled: set[bool] = set()
@@ -319,7 +424,12 @@ class MountedNode(PipelineNode):
         if self._mounting is not None:
             self.start_mounted(self._mounting)
         else:
-            self._listener = MountingListener(self, self.start_mounted)
+            self.health.note("mounting", "not known", Level.ERROR, _NO_MOUNTING)
+            self._listener = MountingListener(self, self._start_found)
+
+    def _start_found(self, mounting: Pose) -> None:
+        self.health.note("mounting", "from /tf_static")
+        self.start_mounted(mounting)
 
     def start_mounted(self, mounting: Pose) -> None:
         """Open the topics; ``mounting`` is base_link <- left optical frame."""

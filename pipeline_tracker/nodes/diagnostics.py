@@ -31,6 +31,11 @@ def status_name(namespace: str, name: str) -> str:
     return f"{namespace.strip('/')}/{name}: status".lstrip("/")
 
 
+def overall_name(namespace: str) -> str:
+    """Return the name of the status of all nodes together."""
+    return f"{namespace.strip('/')}/pipeline_tracker: overall".lstrip("/")
+
+
 def hardware_id(namespace: str) -> str:
     """Return what all statuses of one vehicle have in common."""
     return f"{namespace.strip('/')}/pipeline_tracker".lstrip("/")

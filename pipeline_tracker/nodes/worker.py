@@ -54,18 +54,20 @@ class Worker(Generic[Item]):
         if surplus is not None:
             self._on_overrun(surplus)
 
-    def clear(self) -> int:
-        """Forget what waits; return how many that were."""
+    def clear(self) -> list[Item]:
+        """Forget what waits, and return it."""
         with self._changed:
-            forgotten = len(self._items)
+            forgotten = list(self._items)
             self._items.clear()
         return forgotten
 
     def close(self, timeout: float) -> None:
-        """End the thread after what it does now, and wait for that at most ``timeout`` seconds."""
+        """End the thread after what it does now, and wait for that at most ``timeout`` seconds.
+
+        What waits is not done any more; ``clear`` tells what that was.
+        """
         with self._changed:
             self._ended = True
-            self._items.clear()
             self._changed.notify()
         self._thread.join(timeout)
 

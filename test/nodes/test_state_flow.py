@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline_tracker.diagnostics.ledger import Ledger
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.state_flow import (
@@ -52,12 +53,13 @@ class Desk:
         self.clock = LiveClock(lambda: self.now, lambda: self.steady)
         self.out: list[FrameState] = []
         self.drops: list[str] = []
+        self.ledger = Ledger()
         self.flow = StateFlow(
             RelativeStateEstimator(SETTINGS, Pose.identity()),
             SETTINGS,
             self.clock,
             publish=self.out.append,
-            dropped=lambda reason, _: self.drops.append(reason),
+            clerk=self,
             timeline=Timeline(steady=lambda: self.steady),
         )
 
@@ -65,6 +67,16 @@ class Desk:
         for s in seconds:
             position = np.array([0.3 * s, 0.0, 0.0])
             self.flow.add_pose(round(s * SECOND), Pose(np.eye(3), position))
+
+    def dropped(self, reason: str, details: str = "", items: int = 0) -> None:
+        assert details
+        self.drops.append(reason)
+        if items:
+            self.ledger.dropped(reason, items)
+
+    def answered(self, stamp: int) -> None:
+        assert stamp
+        self.ledger.processed()
 
     def go(self, seconds: float) -> None:
         for _ in range(20):
