@@ -12,6 +12,7 @@ import reprlib
 import sys
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from pipeline_tracker.settings_rows import SettingRow, describe_settings
 
 # Far more than anybody writes, and little enough to be read in seconds, whatever it is.
 _MAX_FILE_BYTES = 100_000
-_MAX_VALUES = 10_000
+_MAX_VALUES = 2000
 _MAX_BRACKETS = 50
 
 
@@ -281,16 +282,23 @@ def _parts(document: Mapping[Any, Any]) -> Iterator[tuple[Mapping[Any, Any], boo
         yield plain, False
 
 
+@lru_cache(maxsize=1)
+def _known_keys() -> tuple[frozenset[str], frozenset[str]]:
+    """Return the names of all settings, and of their groups."""
+    known = frozenset(row.key for row in describe_settings())
+    return known, frozenset(key.rpartition(".")[0] for key in known) - {""}
+
+
 def _flatten(values: Any, prefix: str, origin: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(values, dict):
         raise SettingsError(
             f"{_at(origin)}{prefix}={shown(values)}: this is a group of settings, "
             f"expected keys and values below it ({_group_keys(prefix)})"
         )
-    known = {row.key for row in describe_settings()}
+    known, groups = _known_keys()
     for name, value in values.items():
         key = f"{prefix}.{name}" if prefix else str(name)
-        is_group = any(k.startswith(f"{key}.") for k in known)
+        is_group = key in groups
         if is_group and value is None:
             continue
         # The bound on the depth is for documents that contain themselves.

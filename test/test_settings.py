@@ -343,7 +343,7 @@ def test_settings_never_change() -> None:
     ("text", "reason"),
     [
         (f"pipe.diameter: {'[' * 5000}", "more than 50 brackets within brackets"),
-        ("\n".join(f"k{i}: 0" for i in range(10_001)), "more than 10000 values"),
+        ("\n".join(f"k{i}: 0" for i in range(2001)), "more than 2000 values"),
         (f"frames.odom: {'x' * 100_000}", "larger than 100000 bytes"),
         (
             "g0: &g0 {x: 1}\n"
@@ -351,7 +351,7 @@ def test_settings_never_change() -> None:
                 f"g{i}: &g{i} {{{', '.join(f'k{j}: *g{i - 1}' for j in range(9))}}}"
                 for i in range(1, 9)
             ),
-            "more than 10000 values",
+            "more than 2000 values",
         ),
     ],
 )

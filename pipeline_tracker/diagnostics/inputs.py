@@ -65,6 +65,10 @@ class InputWatch:
         self._rate.add(now)
         self._age = age
 
+    def missed(self, count: int) -> None:
+        """Take notice of messages that were sent but have not come."""
+        self.lost += count
+
     def state(self, now: float) -> InputState:
         """Return what can be said of the input at a time of the steady clock, s."""
         last = self._rate.last
