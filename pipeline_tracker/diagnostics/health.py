@@ -144,7 +144,7 @@ class Health:
             yield Finding(level, f"{of} {self._items} dropped {while_it}, most: {most}")
         if lost > lost_before:
             count = lost - lost_before
-            yield Finding(Level.WARN, f"{count} messages lost by the middleware {while_it}")
+            yield Finding(Level.WARN, f"{count} messages sent but not received {while_it}")
 
     def _values(self, now: float, account: Account) -> Iterator[tuple[str, str]]:
         yield "state", self._state

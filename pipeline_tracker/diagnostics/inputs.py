@@ -34,7 +34,13 @@ class InputState(Enum):
 
 
 class InputWatch:
-    """Watches one topic; all calls come from one thread."""
+    """Watches one topic; all calls come from one thread.
+
+    Attributes:
+        received: messages that have come.
+        lost: messages that were sent and have not come.
+        number: that of the last one, as its publisher counts; None where it is not known.
+    """
 
     def __init__(self, topic: str, need: Need, timeout: float = 0.0, now: float = 0.0) -> None:
         """Start to watch.
@@ -48,6 +54,7 @@ class InputWatch:
         self.topic = topic
         self.received = 0
         self.lost = 0
+        self.number: int | None = None
         self._need = need
         self._timeout = timeout
         self._since = now
@@ -64,10 +71,6 @@ class InputWatch:
         self.received += 1
         self._rate.add(now)
         self._age = age
-
-    def missed(self, count: int) -> None:
-        """Take notice of messages that were sent but have not come."""
-        self.lost += count
 
     def state(self, now: float) -> InputState:
         """Return what can be said of the input at a time of the steady clock, s."""
@@ -104,7 +107,7 @@ class InputWatch:
         values = [
             (f"{topic}: state", self.state(now).value),
             (f"{topic}: received", str(self.received)),
-            (f"{topic}: lost by the middleware", str(self.lost)),
+            (f"{topic}: sent but not received", str(self.lost)),
         ]
         if self._rate.last is not None:
             values.append((f"{topic}: rate [Hz]", f"{self._rate.hertz(now):.2f}"))

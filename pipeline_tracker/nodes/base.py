@@ -246,10 +246,12 @@ class PipelineNode(ManagedNode):
         scope = self.scope
         watch = self.health.watch(topic, need)
 
-        def guarded(message: Any) -> None:
+        def guarded(message: Any, info: Mapping[str, Any]) -> None:
             # The executor may have taken one more when the topic was closed.
             if not scope.is_open:
                 return
+            number = info.get("publication_sequence_number")
+            self._qos_watch.number(watch, number, subscription)
             self.health.heard(watch, self._age_of(message))
             if counted:
                 self.health.ledger.received()

@@ -191,7 +191,7 @@ def test_lost_messages_mismatches_and_notes() -> None:
     health.report()
     watch.lost += 4
     told = health.report()
-    assert told.message == "4 messages lost by the middleware in the last 1 s"
+    assert told.message == "4 messages sent but not received in the last 1 s"
     assert told.level is Level.WARN
     health.mismatched("image", "image: reliability does not fit")
     health.note("tracking", "searching", Level.WARN, "searching: pipe_not_found")
