@@ -42,8 +42,15 @@ class Worker(Generic[Item]):
         self._items: deque[Item] = deque()
         self._changed = threading.Condition()
         self._ended = False
+        self._computes = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something waits or is being done."""
+        with self._changed:
+            return self._computes or bool(self._items)
 
     def put(self, item: Item) -> None:
         """Give the thread one more thing to do."""
@@ -78,9 +85,12 @@ class Worker(Generic[Item]):
                 if self._ended:
                     return
                 item = self._items.popleft()
+                self._computes = True
             try:
                 self._work(item)
             except Exception:
                 # The node may have gone while its last item was computed.
                 if not self._ended:
                     raise
+            finally:
+                self._computes = False
