@@ -46,6 +46,7 @@ class RelativeStatePublisher(MountedNode):
     """Gives one relative state for each status, and a state "not valid" when none comes."""
 
     NAME = "relative_state_publisher"
+    ITEMS = "statuses"
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node; see ``PipelineNode``."""

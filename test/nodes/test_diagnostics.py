@@ -99,7 +99,7 @@ def test_the_health_of_nodes_that_follow_a_pipe(bench: Any) -> None:
     assert values["pipeline/recognition: state"] in {"ok", "late", "ahead of the clock"}
     board.wait_value("stereo_vectorizer", "images processed", "8")
     board.wait_value("local_recognizer", "requests processed", "1")
-    board.wait_value("relative_state_publisher", "frames processed", "4")
+    board.wait_value("relative_state_publisher", "statuses processed", "4")
     assert float(board.values(OVERALL)["last valid relative state ago [s]"]) >= 0.0
     for name in NAMES:
         assert board.status(name).hardware_id == "pipeline_tracker"

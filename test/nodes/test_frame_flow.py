@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bookkeeper import Bookkeeper
 
-from pipeline_tracker.diagnostics.ledger import Ledger
 from pipeline_tracker.echoes import Echo, PlacedEcho
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
@@ -76,16 +76,15 @@ class FakeTracker:
         return TrackedFrame(status, None)
 
 
-class Desk:
+class Desk(Bookkeeper):
     """A flow with clocks to turn, and what came out of it."""
 
     def __init__(self, **options: Any) -> None:
+        super().__init__()
         self.now, self.steady = 0, 0.0
         self.tracker = FakeTracker(**options)
         self.closed: list[TrackingStatus] = []
         self.asked: list[float] = []
-        self.drops: list[str] = []
-        self.ledger = Ledger()
         self.flow = FrameFlow(
             self.tracker,  # type: ignore[arg-type]
             load_settings(None, ["pipe.diameter=0.6", "pose.wait=0.2", "pose.max_gap=3.0"]),
@@ -100,16 +99,6 @@ class Desk:
     def pose(self, *seconds: float) -> None:
         for s in seconds:
             self.flow.add_pose(round(s * SECOND), Pose.identity())
-
-    def dropped(self, reason: str, details: str = "", items: int = 0) -> None:
-        assert details
-        self.drops.append(reason)
-        if items:
-            self.ledger.dropped(reason, items)
-
-    def answered(self, stamp: int) -> None:
-        assert stamp
-        self.ledger.processed()
 
     def go(self, seconds: float) -> None:
         """Let real and the node's time pass, polling as the timer does."""

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bookkeeper import Bookkeeper
 
-from pipeline_tracker.diagnostics.ledger import Ledger
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.state_flow import (
@@ -45,15 +45,14 @@ def segment(seconds: float) -> PipeSegment:
     )
 
 
-class Desk:
+class Desk(Bookkeeper):
     """A flow with clocks to turn, and what came out of it."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.now, self.steady = 0, 0.0
         self.clock = LiveClock(lambda: self.now, lambda: self.steady)
         self.out: list[FrameState] = []
-        self.drops: list[str] = []
-        self.ledger = Ledger()
         self.flow = StateFlow(
             RelativeStateEstimator(SETTINGS, Pose.identity()),
             SETTINGS,
@@ -67,16 +66,6 @@ class Desk:
         for s in seconds:
             position = np.array([0.3 * s, 0.0, 0.0])
             self.flow.add_pose(round(s * SECOND), Pose(np.eye(3), position))
-
-    def dropped(self, reason: str, details: str = "", items: int = 0) -> None:
-        assert details
-        self.drops.append(reason)
-        if items:
-            self.ledger.dropped(reason, items)
-
-    def answered(self, stamp: int) -> None:
-        assert stamp
-        self.ledger.processed()
 
     def go(self, seconds: float) -> None:
         for _ in range(20):

@@ -11,19 +11,17 @@ from __future__ import annotations
 import argparse
 import os
 import random
-import resource
-import signal
 import sys
 import time
 from collections import Counter, deque
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
 import mutations
 import numpy as np
+from soaking import attempt, bounded, memory_mib, say, say_counts
 
 from pipeline_tracker import messages
 from pipeline_tracker.bags.typestore import BagMessages
@@ -49,16 +47,6 @@ TOPICS = {
 }
 
 
-def say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
-
-
-def hung(_number: int, _frame: FrameType | None) -> None:
-    message = f"still busy after {SECONDS} s"
-    raise SystemExit(message)
-
-
 def restamped(message: Any, stamp_ns: int) -> Any:
     header = getattr(message, "header", message)
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
@@ -77,17 +65,9 @@ class Readers:
 
     def attempt(self, rng: random.Random) -> str:
         world, kind = rng.choice(sorted(self._sound))
-        message, changed = mutations.mutated(self._sound[world, kind], rng)
-        try:
-            mutations.KINDS[kind][1](message)
-        except PipelineTrackerError as error:
-            text = str(error)
-        else:
-            return f"{kind} of {world}: taken"
-        assert text, changed
-        assert "\n" not in text, changed
-        assert len(text) < 500, changed
-        return f"{kind} of {world}: refused"
+        message, _ = mutations.mutated(self._sound[world, kind], rng)
+        read = mutations.KINDS[kind][1]
+        return f"{kind} of {world}: {attempt(lambda: read(message), PipelineTrackerError)}"
 
 
 class Nodes:
@@ -224,30 +204,23 @@ def main() -> int:
     given = parser.parse_args()
     # Nobody else is to hear.
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
-    signal.signal(signal.SIGALRM, hung)
     nodes = Nodes()
     readers = Readers({"rosbags": BagMessages(), "rclpy": nodes.factory})
     outcomes: Counter[str] = Counter()
     slowest, started = 0.0, time.monotonic()
     for _ in range(20):
         nodes._frame()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = memory_mib()
     for index in range(given.seed, given.seed + given.count):
         rng = random.Random(index)  # noqa: S311 - a test's dice
         start = time.monotonic()
-        signal.alarm(SECONDS)
-        try:
+        with bounded(SECONDS, f"--seed {index} --count 1"):
             outcomes[(nodes if index % 2 else readers).attempt(rng)] += 1
-        except BaseException:
-            say(f"again: --seed {index} --count 1")
-            raise
-        signal.alarm(0)
         slowest = max(slowest, time.monotonic() - start)
         if index % 100 == 0:
             nodes.check()
-    growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    for outcome, count in sorted(outcomes.items()):
-        say(f"{outcome} {count}")
+    growth = memory_mib() - before
+    say_counts(outcomes)
     nodes.close()
     spent = time.monotonic() - started
     say(

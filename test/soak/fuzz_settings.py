@@ -9,15 +9,16 @@ from __future__ import annotations
 import argparse
 import math
 import random
-import resource
-import signal
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
+
+from soaking import attempt, bounded, memory_mib, say, say_counts
 
 from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.nodes.launcher import node_parameters
@@ -152,36 +153,13 @@ def check(settings: Settings) -> None:
                 assert row.above is None or number > row.above, row.key
 
 
-def attempt(file: Path, again: str) -> str:
-    """Load a file; whatever is not our error goes up, with how to repeat it."""
-    signal.alarm(SECONDS)
-    try:
-        settings = load_settings(file)
-        check(settings)
-        node_parameters(settings, file)
-        # What is written down gives the same settings again.
-        file.write_text(dump_settings(settings), encoding="utf-8")
-        assert load_settings(file) == settings
-    except SettingsError as error:
-        if "\n" in str(error) or len(str(error)) > 1000:
-            say(again)
-            raise AssertionError("more than one short line") from error
-        return "refused"
-    except BaseException:
-        say(again)
-        raise
-    finally:
-        signal.alarm(0)
-    return "taken"
-
-
-def hung(_number: int, _frame: FrameType | None) -> None:
-    message = f"still busy after {SECONDS} s"
-    raise SystemExit(message)
-
-
-def say(text: str) -> None:
-    sys.stdout.write(f"{text}\n")
+def load(file: Path) -> None:
+    """Load a file as `run` does, and what is written down of its settings again."""
+    settings = load_settings(file)
+    check(settings)
+    node_parameters(settings, file)
+    file.write_text(dump_settings(settings), encoding="utf-8")
+    assert load_settings(file) == settings
 
 
 def main() -> int:
@@ -189,7 +167,6 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=20000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    signal.signal(signal.SIGALRM, hung)
     outcomes: Counter[str] = Counter()
     slowest, text = 0.0, sound()
     started = time.monotonic()
@@ -197,7 +174,7 @@ def main() -> int:
         file = Path(directory) / "settings.yaml"
         file.write_text(text, encoding="utf-8")
         check(load_settings(file))
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = memory_mib()
         for index in range(given.seed, given.seed + given.count):
             rng = random.Random(index)  # noqa: S311 - a test's dice
             mutation = rng.choice(MUTATIONS)
@@ -207,12 +184,12 @@ def main() -> int:
                 raw = rng.choice((raw[:50] + b"\xff\xfe" + raw[50:], raw.decode().encode("utf-16")))
             file.write_bytes(raw)
             start = time.monotonic()
-            what = attempt(file, f"{mutation.__name__}; --seed {index} --count 1")
+            with bounded(SECONDS, f"{mutation.__name__}; --seed {index} --count 1"):
+                what = attempt(lambda: load(file), SettingsError)
             slowest = max(slowest, time.monotonic() - start)
             outcomes[f"{mutation.__name__}: {what}"] += 1
-    growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    for outcome, count in sorted(outcomes.items()):
-        say(f"{outcome} {count}")
+    growth = memory_mib() - before
+    say_counts(outcomes)
     spent = time.monotonic() - started
     say(
         f"{given.count} files in {spent:.0f} s; slowest {slowest:.2f} s; "
