@@ -45,15 +45,22 @@ def hardware_id(namespace: str) -> str:
 class DiagnosticsSpeaker:
     """Publishes reports once a second, by the steady clock; lives as long as the node itself."""
 
-    def __init__(self, node: Node, reports: Callable[[], Iterable[Report]]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        reports: Callable[[], Iterable[Report]],
+        failed: Callable[[str, Exception], None],
+    ) -> None:
         """Begin to publish.
 
         Args:
             node: which publishes.
             reports: asked for the reports of this moment.
+            failed: called with what has failed and its error.
         """
         self._node = node
         self._reports = reports
+        self._failed = failed
         self._hardware = hardware_id(node.get_namespace())
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, _DEPTH)
         self._timer = node.create_timer(
@@ -62,6 +69,12 @@ class DiagnosticsSpeaker:
 
     def speak(self) -> None:
         """Publish the reports now."""
+        try:
+            self._publish()
+        except Exception as error:  # noqa: BLE001 - nothing may end the node
+            self._failed("diagnostics", error)
+
+    def _publish(self) -> None:
         array = DiagnosticArray(status=[self._status(report) for report in self._reports()])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
