@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.errors import CalibrationError
 from pipeline_tracker.geometry.camera import Camera, camera_from_projection
+from pipeline_tracker.validation.inputs import check_camera_info, matrix_of, region_of
 
 Array = NDArray[np.float64]
 
@@ -53,14 +54,11 @@ def camera_from_info(info: Any, *, name: str = "camera_info") -> Camera:
     """Return the rectified camera of a sensor_msgs/CameraInfo (its P, never its K).
 
     Raises:
-        CalibrationError: see ``camera_from_projection``; P has not 12 numbers; the part of the
-            sensor that the images are is not one.
+        CalibrationError: see ``check_camera_info`` and ``camera_from_projection``.
     """
-    p = _numbers(info, "p")
-    if p.size != 12:
-        raise CalibrationError(f"{name}: P has {p.size} numbers, expected 12; calibrate the camera")
-    window = _window(info, name)
-    projection = window.of_image(p.reshape(3, 4))
+    check_camera_info(info, name)
+    window = _window(info)
+    projection = window.of_image(matrix_of(info, "p").reshape(3, 4))
     return camera_from_projection(projection, window.width, window.height, name=name)
 
 
@@ -90,7 +88,7 @@ def raw_camera_from_info(info: Any, *, name: str = "camera_info") -> RawCamera:
             f"{name}: R is {r.ravel().tolist()}, expected a rotation (1 0 0 0 1 0 0 0 1 for a "
             "camera alone); calibrate the camera"
         )
-    k = _window(info, name).of_image(k)
+    k = _window(info).of_image(k)
     return RawCamera(camera, _tuple(k), model, coefficients, _tuple(r))
 
 
@@ -100,7 +98,7 @@ def is_rectified(info: Any) -> bool:
     They are without distortion and turn (R), and where K is given, it is P's. Matrices that are
     missing or zero say nothing.
     """
-    d, k, r, p = (_numbers(info, key) for key in _MATRICES)
+    d, k, r, p = (matrix_of(info, key) for key in _MATRICES)
     if np.any(d != 0.0):
         return False
     if r.size == 9 and r.any() and np.abs(r - np.eye(3).ravel()).max() > _EXACT:
@@ -119,7 +117,7 @@ def is_whole_sensor(info: Any) -> bool:
 
 def calibration_of(info: Any) -> tuple[Any, ...]:
     """Return all of a CameraInfo that counts here, to see whether another one says the same."""
-    matrices = tuple(_tuple(_numbers(info, key)) for key in _MATRICES)
+    matrices = tuple(_tuple(matrix_of(info, key)) for key in _MATRICES)
     size = int(info.width), int(info.height)
     return (*size, str(info.distortion_model), *matrices, _window_numbers(info))
 
@@ -148,34 +146,22 @@ class _Window(NamedTuple):
         return out
 
 
-def _window(info: Any, name: str) -> _Window:
+def _window(info: Any) -> _Window:
     across, down, x, y, width, height = _window_numbers(info)
-    full = int(info.width), int(info.height)
     # 0 stands for the whole, and for no binning.
     across, down = max(across, 1), max(down, 1)
-    width, height = width or full[0], height or full[1]
-    if min(x, y) < 0 or x + width > full[0] or y + height > full[1]:
-        raise CalibrationError(
-            f"{name}: roi is {width} x {height} at ({x}, {y}), expected a part of the "
-            f"{full[0]} x {full[1]} px of the camera; correct the driver's roi"
-        )
+    width, height = width or int(info.width), height or int(info.height)
     return _Window(x, y, width // across, height // down, across, down)
 
 
 def _window_numbers(info: Any) -> tuple[int, ...]:
     """Binning across and down, x, y, width and height of the region; 0 where nothing is said."""
-    roi = getattr(info, "roi", None)
-    binning = (getattr(info, key, 0) for key in ("binning_x", "binning_y"))
-    region = (getattr(roi, key, 0) for key in ("x_offset", "y_offset", "width", "height"))
-    return tuple(int(v) for v in (*binning, *region))
+    across, down = (int(getattr(info, key, 0)) for key in ("binning_x", "binning_y"))
+    return (across, down, *region_of(info))
 
 
 def _distortion(info: Any, name: str) -> tuple[str, tuple[float, ...]]:
-    model, d = str(info.distortion_model), _numbers(info, "d")
-    if not np.isfinite(d).all():
-        raise CalibrationError(
-            f"{name}: D is {d.tolist()}, expected finite numbers; calibrate the camera"
-        )
+    model, d = str(info.distortion_model), matrix_of(info, "d")
     if not d.any():
         return "plumb_bob", (0.0,) * 5
     known = _COEFFICIENTS.get(model)
@@ -193,19 +179,12 @@ def _distortion(info: Any, name: str) -> tuple[str, tuple[float, ...]]:
 
 
 def _square(info: Any, key: str, name: str) -> Array:
-    found = _numbers(info, key)
-    if found.size != 9 or not np.isfinite(found).all():
+    found = matrix_of(info, key)
+    if found.size != 9:
         raise CalibrationError(
-            f"{name}: {key.upper()} is {found.tolist()}, expected 9 finite numbers; "
-            "calibrate the camera"
+            f"{name}: {key.upper()} has {found.size} numbers, expected 9; calibrate the camera"
         )
     return found.reshape(3, 3)
-
-
-def _numbers(info: Any, key: str) -> Array:
-    # ROS 1 bags write the matrices in capitals.
-    values = getattr(info, key) if hasattr(info, key) else getattr(info, key.upper(), ())
-    return np.array(values, dtype=np.float64).ravel()
 
 
 def _tuple(values: Array) -> tuple[float, ...]:

@@ -23,6 +23,23 @@ class CalibrationError(PipelineTrackerError):
     """Camera calibration or mounting is missing or impossible."""
 
 
+class MessageError(PipelineTrackerError):
+    """A message cannot be used.
+
+    Attributes:
+        field: which one is at fault; empty where it is the whole message.
+    """
+
+    def __init__(self, text: str, field: str = "") -> None:
+        """Say what is wrong, and in which field."""
+        super().__init__(text)
+        self.field = field
+
+
+class ImageError(MessageError):
+    """An image cannot be used; its text is the reason that the frame is lost."""
+
+
 class EvaluationError(PipelineTrackerError):
     """A replay cannot be measured against a truth, or the two do not belong together."""
 

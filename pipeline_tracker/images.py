@@ -15,20 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.errors import PipelineTrackerError
+from pipeline_tracker.errors import ImageError
 from pipeline_tracker.settings import ImageSettings
 from pipeline_tracker.types import Image
+from pipeline_tracker.validation.inputs import check_image_size, check_raw_image
 
-_BYTES_PER_PIXEL = {"mono8": 1, "8UC1": 1, "mono16": 2, "16UC1": 2, "bgr8": 3, "8UC3": 3, "rgb8": 3}
-_BAYER = "a Bayer image must be developed first (image_proc)"
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 # Start of frame of every JPEG process; C4, C8 and CC are other things.
 _JPEG_SIZE_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-
-
-class ImageError(PipelineTrackerError):
-    """An image cannot be used; its text is the reason that the frame is lost."""
 
 
 def decode_image(message: Any, settings: ImageSettings) -> Image:
@@ -82,21 +77,8 @@ def decode_raw(
     Raises:
         ImageError: another encoding, an empty or too large image, or numbers that do not agree.
     """
-    size = _BYTES_PER_PIXEL.get(encoding)
-    if size is None:
-        hint = _BAYER if encoding.startswith("bayer") else "expected mono8, mono16, bgr8 or rgb8"
-        raise ImageError(f"encoding {encoding[:40]!r} is not taken; {hint}")
-    _check_size(width, height, settings)
-    if step < width * size:
-        raise ImageError(
-            f"step is {step}, expected at least {width * size} for {width} px of {encoding}"
-        )
     flat = _as_bytes(data)
-    # The last row needs no padding.
-    if flat.size < step * (height - 1) + width * size:
-        raise ImageError(
-            f"{flat.size} bytes of data, expected {step * height} ({height} rows of {step} bytes)"
-        )
+    size = check_raw_image(encoding, width, height, step, flat.size, settings.max_pixels)
     strides = (step, 1)
     rows = np.lib.stride_tricks.as_strided(flat, (height, width * size), strides, writeable=False)
     if size == 1:
@@ -127,40 +109,17 @@ def decode_compressed(data: Any, settings: ImageSettings) -> Image:
     """
     flat = _as_bytes(data)
     width, height = _compressed_size(flat.tobytes())
-    _check_size(width, height, settings)
+    check_image_size(width, height, settings.max_pixels)
     try:
         flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
         pixels: NDArray[Any] | None = cv2.imdecode(flat, flags)
     except cv2.error as error:
-        raise ImageError(f"compressed image is corrupt ({error.err})") from None
+        raise ImageError(f"compressed image is corrupt ({error.err})", "data") from None
     if pixels is None or pixels.shape != (height, width):
-        raise ImageError("compressed image is corrupt, it cannot be unpacked")
+        raise ImageError("compressed image is corrupt, it cannot be unpacked", "data")
     if pixels.dtype == np.uint16:
         return _scale_mono16(pixels, settings.mono16_white)
     return np.ascontiguousarray(pixels, dtype=np.uint8)
-
-
-def check_size(image: Image, width: int, height: int) -> None:
-    """Check that an image has the size of its calibration.
-
-    Raises:
-        ImageError: it has not.
-    """
-    if image.shape != (height, width):
-        raise ImageError(
-            f"image is {image.shape[1]} x {image.shape[0]}, "
-            f"expected {width} x {height} as the camera info says"
-        )
-
-
-def _check_size(width: int, height: int, settings: ImageSettings) -> None:
-    if width <= 0 or height <= 0:
-        raise ImageError(f"image is {width} x {height}, expected both above 0")
-    if width * height > settings.max_pixels:
-        raise ImageError(
-            f"image is {width} x {height}, expected at most {settings.max_pixels} px "
-            "(image.max_pixels)"
-        )
 
 
 def _scale_mono16(pixels: NDArray[Any], white: int) -> Image:
@@ -182,15 +141,15 @@ def _compressed_size(raw: bytes) -> tuple[int, int]:
     """
     if raw.startswith(_PNG_START):
         if len(raw) < 24 or _PNG_END not in raw[-64:]:
-            raise ImageError(f"PNG image is cut off after {len(raw)} bytes")
+            raise ImageError(f"PNG image is cut off after {len(raw)} bytes", "data")
         width, height = struct.unpack(">II", raw[16:24])
         return width, height
     if raw.startswith(_JPEG_START):
         if not raw.rstrip(b"\x00").endswith(_JPEG_END):
-            raise ImageError(f"JPEG image is cut off after {len(raw)} bytes")
+            raise ImageError(f"JPEG image is cut off after {len(raw)} bytes", "data")
         return _jpeg_size(raw)
     head = raw[:8].hex(" ") or "nothing"
-    raise ImageError(f"compressed image is neither JPEG nor PNG (it begins with {head})")
+    raise ImageError(f"compressed image is neither JPEG nor PNG (it begins with {head})", "data")
 
 
 def _jpeg_size(raw: bytes) -> tuple[int, int]:
@@ -207,4 +166,4 @@ def _jpeg_size(raw: bytes) -> tuple[int, int]:
             position += 2
         else:
             position += 2 + int.from_bytes(raw[position + 2 : position + 4], "big")
-    raise ImageError("JPEG image is corrupt, its head does not say its size")
+    raise ImageError("JPEG image is corrupt, its head does not say its size", "data")

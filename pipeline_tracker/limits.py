@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 _REACH = 3.0
 # Too little overlap so many times one after another is no single late image.
 _SURE = 3
+# Who stands still has all the time there is, m/s.
+_SLOWEST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,20 @@ class Plan:
         return "\n".join([head, *(f"  {name:<{width}}  {value}" for name, value in rows)])
 
 
+class Sight(NamedTuple):
+    """A frame as 5.3.1 sees it.
+
+    Attributes:
+        overlap: share of the pipe in view that the frame before showed too, 0 to 1.
+        warning: what the user should know; empty where there is nothing new.
+        allowed: t2, the time that a frame may take at this speed, s; None where it is not known.
+    """
+
+    overlap: float
+    warning: str = ""
+    allowed: float | None = None
+
+
 class OverlapWatch:
     """Watches how much of the pipe in one image the next one shows again."""
 
@@ -115,7 +132,7 @@ class OverlapWatch:
 
     def see(
         self, point: Array, direction: Array, way: float, seconds: float, camera: Camera
-    ) -> tuple[float, str]:
+    ) -> Sight:
         """Take in a frame.
 
         Args:
@@ -125,23 +142,26 @@ class OverlapWatch:
             camera: the left camera.
 
         Returns:
-            The overlap, 0 to 1, and a warning: empty but for the first time that the overlap was
-            too small three times one after another.
+            Overlap, time allowed, and a warning the first time that the overlap was too small
+            three times one after another.
         """
         view = clip_line_to_view(point, direction, camera)
         if view is None:
-            return 0.0, ""
+            return Sight(0.0)
         reach = _REACH * max(float(point[2]), 0.1)
         length = min(view[1], reach) - max(view[0], -reach)
         overlap = float(np.clip(1.0 - abs(way) / max(length, 1e-6), 0.0, 1.0))
         self._short = self._short + 1 if overlap < self.least else 0
-        if self._told or self._short < _SURE or not seconds > 0.0:
-            return overlap, ""
-        self._told = True
+        if not seconds > 0.0:
+            return Sight(overlap)
         speed = abs(way) / seconds
-        longest = length * (1.0 - self.least) / speed
-        return overlap, (
+        longest = length * (1.0 - self.least) / max(speed, _SLOWEST)
+        if self._told or self._short < _SURE:
+            return Sight(overlap, "", longest)
+        self._told = True
+        warning = (
             f"images are too far apart: {abs(way):.2f} m of {length:.2f} m in view, overlap "
             f"{overlap:.2f} (motion.min_overlap={self.least:g}); at {speed:.2f} m/s a frame may "
             f"take {1e3 * longest:.0f} ms, and they come every {1e3 * seconds:.0f} ms"
         )
+        return Sight(overlap, warning, longest)

@@ -35,6 +35,14 @@ from pipeline_tracker.types import (
     TrackingStatus,
     VectorizedStereo,
 )
+from pipeline_tracker.validation.fields import check_stamp
+from pipeline_tracker.validation.inputs import check_pose, check_range, check_transform
+from pipeline_tracker.validation.ours import (
+    check_relative_state,
+    check_segment,
+    check_status,
+    check_vectorized,
+)
 
 Array = NDArray[np.float64]
 
@@ -225,18 +233,29 @@ def relative_state_message(factory: MessageFactory, state: RelativeState, base_l
     )
 
 
+def request_from_message(header: Any) -> int:
+    """Read the std_msgs/Header of a recognition request: the stamp of the frame, ns.
+
+    Raises:
+        MessageError: see ``check_stamp``.
+    """
+    check_stamp(header, "stamp")
+    return stamp_ns(header)
+
+
 def vectorized_from_message(message: Any) -> VectorizedStereo:
     """Read pipeline_tracker_msgs/VectorizedStereo.
 
     Raises:
         CalibrationError: a camera info in it is unusable.
-        ValueError: an array has a length that does not fit.
+        MessageError: see ``check_vectorized``.
     """
     left = camera_from_info(message.left_info, name="left_info")
     right = None
     if int(message.right_info.width) > 0:
         right = camera_from_info(message.right_info, name="right_info")
     rig: StereoRig = stereo_rig(left, right)
+    check_vectorized(message)
     shape = (left.height // 8, left.width // 8)
     return VectorizedStereo(
         stamp_ns=stamp_ns(message.header),
@@ -254,8 +273,9 @@ def segment_from_message(message: Any) -> PipeSegment:
     """Read pipeline_tracker_msgs/PipeSegment.
 
     Raises:
-        ValueError: an unknown mode, or an array whose length does not fit.
+        MessageError: see ``check_segment``.
     """
+    check_segment(message)
     return PipeSegment(
         stamp_ns=stamp_ns(message.header),
         mode=Mode(int(message.mode)),
@@ -274,8 +294,9 @@ def status_from_message(message: Any) -> TrackingStatus:
     """Read pipeline_tracker_msgs/TrackingStatus.
 
     Raises:
-        ValueError: an unknown state.
+        MessageError: see ``check_status``.
     """
+    check_status(message)
     return TrackingStatus(
         stamp_ns=stamp_ns(message.header),
         state=State(int(message.state)),
@@ -291,8 +312,9 @@ def relative_state_from_message(message: Any) -> RelativeState:
     """Read pipeline_tracker_msgs/RelativeState.
 
     Raises:
-        ValueError: an unknown side.
+        MessageError: see ``check_relative_state``.
     """
+    check_relative_state(message)
     return RelativeState(
         stamp_ns=stamp_ns(message.header),
         valid=bool(message.valid),
@@ -313,8 +335,9 @@ def pose_from_message(message: Any) -> tuple[int, Pose]:
         Stamp in ns, and the pose of base_link in odom.
 
     Raises:
-        ValueError: a number that is not finite, or a quaternion that is not one.
+        MessageError: see ``check_pose``.
     """
+    check_pose(message)
     pose = message.pose
     # The two types with covariance hold the pose one level deeper.
     pose = getattr(pose, "pose", pose)
@@ -329,21 +352,18 @@ def range_from_message(message: Any) -> tuple[int, float | None, float, float]:
     """Read sensor_msgs/Range.
 
     Returns:
-        Stamp in ns; range in m, None where there was no echo (infinite, by REP 117), or where it is
-        out of the sensor's own limits or not a number; half the beam's width, rad; standard
-        deviation, m, 0 where the message does not tell it.
+        Stamp in ns; range in m, None where there was no echo (infinite, by REP 117); half the
+        beam's width, rad; standard deviation, m, 0 where the message does not tell it.
+
+    Raises:
+        MessageError: see ``check_range``.
     """
+    check_range(message)
     distance = float(message.range)
-    low, high = float(message.min_range), float(message.max_range)
-    bounded = low < high
-    usable = np.isfinite(distance) and distance > 0.0 and not (bounded and distance < low)
-    usable = usable and not (bounded and distance > high)
-    width = float(message.field_of_view)
-    half = 0.5 * width if np.isfinite(width) and 0.0 < width < np.pi else 0.0
     # Older definitions of the message have no variance.
-    variance = float(getattr(message, "variance", 0.0))
-    sigma = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else 0.0
-    return stamp_ns(message.header), distance if usable else None, half, sigma
+    sigma = float(np.sqrt(float(getattr(message, "variance", 0.0))))
+    half = 0.5 * float(message.field_of_view)
+    return stamp_ns(message.header), distance if np.isfinite(distance) else None, half, sigma
 
 
 def transform_from_message(message: Any) -> tuple[str, str, Pose]:
@@ -353,8 +373,9 @@ def transform_from_message(message: Any) -> tuple[str, str, Pose]:
         Parent frame, child frame (without a leading slash), and the pose parent <- child.
 
     Raises:
-        ValueError: a number that is not finite, or a quaternion that is not one.
+        MessageError: see ``check_transform``.
     """
+    check_transform(message)
     translation, quaternion = message.transform.translation, message.transform.rotation
     pose = Pose.from_quaternion(
         [translation.x, translation.y, translation.z],

@@ -19,12 +19,13 @@ from pipeline_tracker.camera_info import (
     is_whole_sensor,
     raw_camera_from_info,
 )
-from pipeline_tracker.errors import CalibrationError
+from pipeline_tracker.errors import CalibrationError, ImageError
 from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
 from pipeline_tracker.geometry.unseen import Unseen, UnseenPair
-from pipeline_tracker.images import ImageError, check_size, decode_image
+from pipeline_tracker.images import decode_image
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.types import Image
+from pipeline_tracker.validation.inputs import check_calibrated_size
 
 _SIDES = ("left", "right")
 # What OpenCV's maps can address.
@@ -92,9 +93,9 @@ class StereoImages:
         camera = self.rig.left
         try:
             image = decode_image(message, self._settings)
-            check_size(image, camera.width, camera.height)
+            check_calibrated_size(image, camera.width, camera.height)
         except ImageError as error:
-            raise ImageError(f"{side} image: {error}") from None
+            raise ImageError(f"{side} image: {error}", f"{side} image {error.field}") from None
         if not self._maps:
             return image
         maps = self._maps[_SIDES.index(side)]

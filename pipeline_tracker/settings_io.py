@@ -12,6 +12,7 @@ import reprlib
 import sys
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +23,32 @@ from pipeline_tracker.errors import SettingsError
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_rows import SettingRow, describe_settings
 
-_MAX_FILE_BYTES = 1_000_000
+# Far more than anybody writes, and little enough to be read in seconds, whatever it is.
+_MAX_FILE_BYTES = 100_000
+_MAX_VALUES = 2000
+_MAX_BRACKETS = 50
 
 
 class _Loader(yaml.SafeLoader):
     """Safe YAML that takes 1e-3 for a number, as YAML 1.2 does, and no key twice."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = next((key for n, key in enumerate(keys) if key in keys[:n]), None)
-        if twice is not None:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"{twice} is given twice", node.start_mark
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803 - PyYAML's name
+        if self.flow_level >= _MAX_BRACKETS:
+            raise yaml.scanner.ScannerError(
+                None, None, f"more than {_MAX_BRACKETS} brackets within brackets", self.get_mark()
             )
+        super().fetch_flow_collection_start(TokenClass)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in keys:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{key.value} is given twice", node.start_mark
+                )
+            keys.add(key.value)
         return super().construct_mapping(node, deep)
 
 
@@ -200,6 +214,46 @@ def settings_table() -> str:
 
 
 def _read_file(path: Path) -> dict[str, Any]:
+    return {key: value for key, value, is_qos in _values_of(path) if not is_qos}
+
+
+def read_qos_overrides(path: Path) -> dict[str, Any]:
+    """Return ROS's QoS override parameters of a ROS parameter file, by dotted key.
+
+    Raises:
+        SettingsError: the file cannot be read, or one of them is no parameter.
+    """
+    found = {key: value for key, value, is_qos in _values_of(path) if is_qos}
+    for key, value in found.items():
+        if not isinstance(value, str | bool | int | float):
+            raise SettingsError(f"{path}: {key}={shown(value)}: expected a name or a number")
+    return found
+
+
+def _values_of(path: Path) -> Iterator[tuple[str, Any, bool]]:
+    """Yield the keys and values of a file, and whether they are ROS's QoS overrides."""
+    document = parse_yaml(_read_bytes(path), f"{path}: ")
+    if document is None:
+        return
+    if not isinstance(document, dict):
+        raise SettingsError(
+            f"{path}: holds {shown(document)}, expected keys and values like `pipe.diameter: 0.6`"
+        )
+    taken: set[str] = set()
+    for part, is_ros in _parts(document):
+        for key, value in _flatten(part, "", str(path)):
+            # References to references grow without end in a small file.
+            if len(taken) >= _MAX_VALUES:
+                raise SettingsError(
+                    f"{path}: more than {_MAX_VALUES} values, expected a YAML file of settings"
+                )
+            if key in taken:
+                raise SettingsError(f"{path}: {key} is given twice; leave one of them")
+            taken.add(key)
+            yield key, value, is_ros and key.startswith("qos_overrides.")
+
+
+def _read_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as stream:
             raw = stream.read(_MAX_FILE_BYTES + 1)
@@ -213,23 +267,7 @@ def _read_file(path: Path) -> dict[str, Any]:
         raise SettingsError(
             f"{path}: larger than {_MAX_FILE_BYTES} bytes, expected a YAML file of settings"
         )
-    document = parse_yaml(raw, f"{path}: ")
-    if document is None:
-        return {}
-    if not isinstance(document, dict):
-        raise SettingsError(
-            f"{path}: holds {shown(document)}, expected keys and values like `pipe.diameter: 0.6`"
-        )
-    values: dict[str, Any] = {}
-    for part, is_ros in _parts(document):
-        for key, value in _flatten(part, "", str(path)):
-            # QoS override parameters belong to ROS, not to us.
-            if is_ros and key.startswith("qos_overrides."):
-                continue
-            if key in values:
-                raise SettingsError(f"{path}: {key} is given twice; leave one of them")
-            values[key] = value
-    return values
+    return raw
 
 
 def _parts(document: Mapping[Any, Any]) -> Iterator[tuple[Mapping[Any, Any], bool]]:
@@ -244,16 +282,23 @@ def _parts(document: Mapping[Any, Any]) -> Iterator[tuple[Mapping[Any, Any], boo
         yield plain, False
 
 
+@lru_cache(maxsize=1)
+def _known_keys() -> tuple[frozenset[str], frozenset[str]]:
+    """Return the names of all settings, and of their groups."""
+    known = frozenset(row.key for row in describe_settings())
+    return known, frozenset(key.rpartition(".")[0] for key in known) - {""}
+
+
 def _flatten(values: Any, prefix: str, origin: str) -> Iterator[tuple[str, Any]]:
     if not isinstance(values, dict):
         raise SettingsError(
             f"{_at(origin)}{prefix}={shown(values)}: this is a group of settings, "
             f"expected keys and values below it ({_group_keys(prefix)})"
         )
-    known = {row.key for row in describe_settings()}
+    known, groups = _known_keys()
     for name, value in values.items():
         key = f"{prefix}.{name}" if prefix else str(name)
-        is_group = any(k.startswith(f"{key}.") for k in known)
+        is_group = key in groups
         if is_group and value is None:
             continue
         # The bound on the depth is for documents that contain themselves.

@@ -15,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pipeline_tracker.errors import ImageError
 from pipeline_tracker.images import (
-    ImageError,
-    check_size,
     decode_compressed,
     decode_image,
     decode_raw,
 )
 from pipeline_tracker.settings import ImageSettings
+from pipeline_tracker.validation.inputs import check_calibrated_size
 
 DEFAULTS = ImageSettings()
 GREY = np.random.default_rng(3).integers(0, 256, (48, 64), np.uint8)
@@ -176,9 +176,9 @@ def test_message_of_either_kind() -> None:
 
 
 def test_size_is_checked_against_the_calibration() -> None:
-    check_size(GREY, 64, 48)
+    check_calibrated_size(GREY, 64, 48)
     with pytest.raises(ImageError, match="image is 64 x 48, expected 48 x 64 as the camera info"):
-        check_size(GREY, 48, 64)
+        check_calibrated_size(GREY, 48, 64)
 
 
 JPEG, PNG = encoded(GREY, ".jpg"), encoded(GREY, ".png")

@@ -65,7 +65,8 @@ def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_overlap_is_what_the_step_leaves() -> None:
     watch = OverlapWatch(0.3)
-    overlap, warning = watch.see(POINT, ALONG, 0.25 * LENGTH, 1.0, LEFT)
+    overlap, warning, allowed = watch.see(POINT, ALONG, 0.25 * LENGTH, 1.0, LEFT)
+    assert allowed == pytest.approx(0.7 / 0.25)
     assert overlap == pytest.approx(0.75, abs=1e-6)
     assert watch.see(POINT, ALONG, -0.25 * LENGTH, 1.0, LEFT)[0] == pytest.approx(0.75, abs=1e-6)
     assert warning == ""

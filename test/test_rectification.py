@@ -12,10 +12,9 @@ from bag_maker import FACTORY, LEFT, START, raw_image
 from numpy.typing import NDArray
 
 from pipeline_tracker import messages, rectification
-from pipeline_tracker.errors import CalibrationError
+from pipeline_tracker.errors import CalibrationError, ImageError
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.images import ImageError
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import settings_from_values

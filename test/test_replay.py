@@ -249,7 +249,7 @@ def test_poses_that_cannot_be_used_are_counted(run: Run) -> None:
         return item
 
     done = run(changed(Sea(), spoil))
-    assert "1 pose not used: 1 invalid (the first: quaternion" in done.text
+    assert "1 pose not used: 1 invalid (the first: pose.orientation" in done.text
     assert done.rows[2]["chainage"] == f"{0.4:.9f}", "between its neighbours"
 
 

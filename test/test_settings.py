@@ -337,3 +337,26 @@ def test_settings_never_change() -> None:
     assert isinstance(settings, Settings)
     with pytest.raises(Exception, match="frozen"):
         settings.mode = "mono"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (f"pipe.diameter: {'[' * 5000}", "more than 50 brackets within brackets"),
+        ("\n".join(f"k{i}: 0" for i in range(2001)), "more than 2000 values"),
+        (f"frames.odom: {'x' * 100_000}", "larger than 100000 bytes"),
+        (
+            "g0: &g0 {x: 1}\n"
+            + "\n".join(
+                f"g{i}: &g{i} {{{', '.join(f'k{j}: *g{i - 1}' for j in range(9))}}}"
+                for i in range(1, 9)
+            ),
+            "more than 2000 values",
+        ),
+    ],
+)
+def test_a_file_that_would_take_for_ever_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    file = tmp_path / "settings.yaml"
+    file.write_text(text)
+    with pytest.raises(SettingsError, match=reason):
+        load_settings(file)

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.bags.topics import find_topics
 from pipeline_tracker.camera_info import camera_from_info
-from pipeline_tracker.errors import BagError, CalibrationError
+from pipeline_tracker.errors import BagError, CalibrationError, ImageError, MessageError
 from pipeline_tracker.geometry.camera import StereoRig, stereo_rig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
-from pipeline_tracker.images import ImageError, decode_image
+from pipeline_tracker.images import decode_image
 from pipeline_tracker.messages import (
     pose_from_message,
     stamp_ns,
@@ -156,7 +156,7 @@ def _poses(bag: BagReader, settings: Settings) -> PoseBuffer | None:
         return None
     poses = PoseBuffer(settings.pose.max_gap, _FOREVER)
     for record in bag.records([topic], complete=False):
-        with suppress(ValueError):
+        with suppress(MessageError):
             poses.add(*pose_from_message(record.unpack()))
     return poses
 

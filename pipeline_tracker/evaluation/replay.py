@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.bags.reader import BagReader
-from pipeline_tracker.errors import EvaluationError
+from pipeline_tracker.errors import CalibrationError, EvaluationError, MessageError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import (
@@ -171,17 +171,6 @@ def _number(cell: str) -> float:
     return value
 
 
-def _segment(path: Path, message: Any) -> PipeSegment:
-    segment = segment_from_message(message)
-    bits = int(segment.visible_contours).bit_count()
-    if len(segment.contours) != bits:
-        raise EvaluationError(
-            f"{path}: the segment of stamp {segment.stamp_ns} ns has {len(segment.contours)} "
-            f"contours for {bits} bits of visible_contours; replay again"
-        )
-    return segment
-
-
 def _read_result(path: Path, replay: Replay, thumbnails: set[int]) -> None:
     """Fill in what the table does not hold."""
     with BagReader(path) as bag:
@@ -197,16 +186,22 @@ def _read_result(path: Path, replay: Replay, thumbnails: set[int]) -> None:
                 replay.rig is None or record.stamp_guess() in thumbnails
             ):
                 continue
-            message = record.unpack()
-            stamp = stamp_ns(message.header)
-            if kind == "pipeline/segment":
-                replay.segments[stamp] = _segment(path, message)
-            elif kind == "pipeline/relative_state":
-                replay.states[stamp] = relative_state_from_message(message)
-            elif kind == POSE:
-                replay.poses[stamp] = pose_from_message(message)[1]
-            else:
-                vectorized = vectorized_from_message(message)
-                replay.rig = vectorized.rig
-                if stamp in thumbnails:
-                    replay.thumbnails[stamp] = vectorized.left_thumbnail
+            try:
+                _take(replay, kind, record.unpack(), thumbnails)
+            except (MessageError, CalibrationError) as error:
+                raise EvaluationError(f"{path}: {record.topic}: {error}; replay again") from None
+
+
+def _take(replay: Replay, kind: str, message: Any, thumbnails: set[int]) -> None:
+    stamp = stamp_ns(message.header)
+    if kind == "pipeline/segment":
+        replay.segments[stamp] = segment_from_message(message)
+    elif kind == "pipeline/relative_state":
+        replay.states[stamp] = relative_state_from_message(message)
+    elif kind == POSE:
+        replay.poses[stamp] = pose_from_message(message)[1]
+    else:
+        vectorized = vectorized_from_message(message)
+        replay.rig = vectorized.rig
+        if stamp in thumbnails:
+            replay.thumbnails[stamp] = vectorized.left_thumbnail

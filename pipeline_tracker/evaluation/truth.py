@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.bags.reader import BagReader
-from pipeline_tracker.errors import EvaluationError, SettingsError
+from pipeline_tracker.errors import EvaluationError, MessageError, SettingsError
 from pipeline_tracker.evaluation.axis import TrueAxis
 from pipeline_tracker.evaluation.contours import (
     TrueContours,
@@ -179,7 +179,7 @@ def scenario_of(bag: BagReader) -> dict[str, Any] | None:
 def _pose(path: Path, message: Any) -> tuple[int, Pose]:
     try:
         return pose_from_message(message)
-    except ValueError as error:
+    except MessageError as error:
         raise EvaluationError(f"{path}: {POSE} has a pose that is none: {error}") from None
 
 

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import time
-from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
-from rclpy.clock import Clock, JumpThreshold, TimeJump
-from rclpy.clock_type import ClockType
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
-from rclpy.publisher import Publisher
-from rclpy.service import Service
 from rclpy.subscription import Subscription
-from rclpy.timer import Timer
-from std_srvs.srv import Trigger
 
+from pipeline_tracker.diagnostics.inputs import Need
+from pipeline_tracker.diagnostics.levels import Level
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.messages import pose_from_message
 from pipeline_tracker.nodes import qos
-from pipeline_tracker.nodes.conversions import LiveMessages, message_class
-from pipeline_tracker.nodes.lifecycle import ManagedNode, in_words
 from pipeline_tracker.nodes.live_clock import LiveClock
 from pipeline_tracker.nodes.mounting import MountingListener, mounting_of_settings
 from pipeline_tracker.nodes.parameters import (
@@ -30,12 +24,12 @@ from pipeline_tracker.nodes.parameters import (
     declare_settings,
     read_settings,
 )
+from pipeline_tracker.nodes.talking import TalkingNode
 from pipeline_tracker.nodes.timeline import StampJudge, Timeline
 from pipeline_tracker.pipeline import warm_up
 from pipeline_tracker.settings import Settings
 
-# One warning of each kind in this time, s.
-WARN_EVERY = 5.0
+_NO_MOUNTING = "waiting for the camera's mounting on /tf_static"
 
 
 class NotReadyError(PipelineTrackerError):
@@ -49,14 +43,12 @@ _POSE_TYPES = {
 }
 
 
-class PipelineNode(ManagedNode):
+class PipelineNode(TalkingNode):
     """A managed node whose parameters are the settings.
 
     Configuring reads and checks the settings and opens the outputs (``open_outputs``); activating
     opens the inputs (``start``); deactivating ends these (``stop``) and forgets the past.
     """
-
-    NAME: ClassVar[str]
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node, unconfigured; no topic is opened yet.
@@ -66,14 +58,10 @@ class PipelineNode(ManagedNode):
             options: of ``rclpy.node.Node``.
         """
         super().__init__(
-            self.NAME,
             parameter_overrides=as_parameters(parameters or {}),
             automatically_declare_parameters_from_overrides=True,
             **options,
         )
-        self.messages = LiveMessages()
-        self.drops: Counter[str] = Counter()
-        self._warned: dict[str, float] = {}
         self.is_ready = False
         self.settings: Settings
         self.live_clock: LiveClock
@@ -158,101 +146,14 @@ class PipelineNode(ManagedNode):
             judge=judge or StampJudge(self.live_clock),
         )
 
-    def dropped(self, reason: str, details: str = "") -> None:
-        """Count an input that is not used, and warn once in a while for each reason."""
-        self.drops[reason] += 1
-        now = time.monotonic()
-        if now - self._warned.get(reason, -WARN_EVERY) < WARN_EVERY:
-            return
-        self._warned[reason] = now
-        words = f"{reason}: {details}" if details else reason
-        self.get_logger().warning(f"{words} ({self.drops[reason]} so far)")
-
-    def listen(
-        self, type_name: str, topic: str, callback: Callable[[Any], None], profile: qos.Profile
-    ) -> Subscription:
-        """Subscribe to a topic; a message that cannot be used is counted and never ends the node.
-
-        Args:
-            type_name: ``package/msg/Name``.
-            topic: relative name.
-            callback: called with each message.
-            profile: the topic's quality of service.
-        """
-        scope = self.scope
-
-        def guarded(message: Any) -> None:
-            # The executor may have taken one more when the topic was closed.
-            if not scope.is_open:
-                return
-            try:
-                callback(message)
-            except Exception as error:  # noqa: BLE001 - whatever a message does, the node lives on
-                self.refused(topic, error)
-
-        subscription = self.create_subscription(
-            message_class(type_name),
-            topic,
-            guarded,
-            profile.qos(),
-            qos_overriding_options=qos.overriding_options(),
-        )
-        scope.add(self.destroy_subscription, subscription)
-        return subscription
-
-    def listen_to_poses(self, callback: Callable[[Any], None]) -> Subscription:
+    def listen_to_poses(self, callback: Callable[[int, Pose], None]) -> Subscription:
         """Subscribe to vnm/pose, of the type that the settings say."""
-        return self.listen(_POSE_TYPES[self.settings.pose_type], "vnm/pose", callback, qos.POSE)
+        kind = _POSE_TYPES[self.settings.pose_type]
 
-    def speak(self, type_name: str, topic: str) -> Publisher:
-        """Return a publisher of one of our topics; it is silent while the node is not active."""
-        publisher = self.create_lifecycle_publisher(
-            message_class(type_name),
-            topic,
-            qos.PIPELINE.qos(),
-            qos_overriding_options=qos.overriding_options(),
-        )
-        self.scope.add(self.destroy_lifecycle_publisher, publisher)
-        return publisher
+        def on_pose(given: tuple[int, Pose]) -> None:
+            callback(*given)
 
-    def every(self, seconds: float, callback: Callable[[], None]) -> Timer:
-        """Call something at intervals of the steady clock, which runs when simulated time stops."""
-        scope = self.scope
-
-        def guarded() -> None:
-            if not scope.is_open:
-                return
-            try:
-                callback()
-            except Exception as error:  # noqa: BLE001 - nothing may end the node
-                self.refused("timer", error)
-
-        timer = self.create_timer(seconds, guarded, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        scope.add(self.destroy_timer, timer)
-        return timer
-
-    def serve(self, name: str, do: Callable[[], str]) -> Service:
-        """Offer a service of std_srvs/Trigger.
-
-        Args:
-            name: relative name, ``~/name`` below the node's own.
-            do: does it and returns what was done, in words; where it cannot, it raises a
-                ``PipelineTrackerError`` that says why.
-        """
-
-        def answer(_: Any, response: Any) -> Any:
-            try:
-                response.message = do()
-                response.success = True
-                self.get_logger().info(response.message)
-            except Exception as error:  # noqa: BLE001 - nothing may end the node
-                response.success, response.message = False, in_words(error)
-                self.get_logger().warning(f"{name} refused: {response.message}")
-            return response
-
-        service = self.create_service(Trigger, name, answer)
-        self.scope.add(self.destroy_service, service)
-        return service
+        return self.listen(kind, "vnm/pose", on_pose, qos.POSE, pose_from_message, Need.WANTED)
 
     def require_ready(self, what: str) -> None:
         """Check that the node is at work.
@@ -268,18 +169,9 @@ class PipelineNode(ManagedNode):
         if not self.is_ready:
             raise NotReadyError(f"{what}: {self.NAME} still waits for the camera's mounting")
 
-    def refused(self, what: str, error: Exception) -> None:
-        """Count and report a message, or a step of ours, that failed."""
-        expected = isinstance(error, PipelineTrackerError | ValueError)
-        reason = f"{what} refused" if expected else f"{what} failed"
-        self.dropped(reason, in_words(error)[:300])
-
     def _stop(self) -> None:
         self.is_ready = False
         self.stop()
-
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
 
     def _on_jump(self, jump: TimeJump) -> None:
         way = -int(jump.delta.nanoseconds)
@@ -319,7 +211,12 @@ class MountedNode(PipelineNode):
         if self._mounting is not None:
             self.start_mounted(self._mounting)
         else:
-            self._listener = MountingListener(self, self.start_mounted)
+            self.health.note("mounting", "not known", Level.ERROR, _NO_MOUNTING)
+            self._listener = MountingListener(self, self._start_found)
+
+    def _start_found(self, mounting: Pose) -> None:
+        self.health.note("mounting", "from /tf_static")
+        self.start_mounted(mounting)
 
     def start_mounted(self, mounting: Pose) -> None:
         """Open the topics; ``mounting`` is base_link <- left optical frame."""

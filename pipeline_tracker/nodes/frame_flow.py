@@ -8,9 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pipeline_tracker.echoes import Echo, EchoBuffer
+from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
+from pipeline_tracker.nodes.clerk import Clerk
 from pipeline_tracker.nodes.live_clock import LiveClock, Mark
 from pipeline_tracker.nodes.timeline import Step, Timeline
 from pipeline_tracker.settings import Settings
@@ -62,7 +64,7 @@ class FrameFlow:
         clock: LiveClock,
         publish: Callable[[TrackedFrame], None],
         request: Callable[[int], None],
-        dropped: Callable[[str, str], None],
+        clerk: Clerk,
         timeline: Timeline | None = None,
         steady: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -74,7 +76,7 @@ class FrameFlow:
             clock: the node's time.
             publish: called with each closed frame, in the order of the stamps.
             request: called with the stamp (ns) of each frame that needs a recognition.
-            dropped: called with reason and details of each input that is not used.
+            clerk: keeps the account of the inputs, a frame being an item of it.
             timeline: notices time going backward.
             steady: a clock that never goes back, s.
         """
@@ -85,7 +87,7 @@ class FrameFlow:
         self._clock = clock
         self._publish_frame = publish
         self._request = request
-        self._dropped = dropped
+        self._clerk = clerk
         self._timeline = timeline or Timeline()
         self._steady = steady
         self._waiting: list[_Waiting] = []
@@ -111,7 +113,7 @@ class FrameFlow:
             return
         late = self._newest_taken is not None and stamp <= self._newest_taken
         if late or any(held.stamp_ns == stamp for held in self._waiting):
-            self._dropped("frame_late_or_repeated", f"stamp {stamp} ns is not after the last one")
+            self._drop_late("frame", stamp, 1)
             return
         held = _Waiting(stamp, frame, self._clock.mark())
         insort(self._waiting, held, key=lambda w: w.stamp_ns)
@@ -125,7 +127,7 @@ class FrameFlow:
         if not self._goes_on("pose", stamp_ns):
             return
         if not self._poses.add(stamp_ns, pose):
-            self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
+            self._drop_late("pose", stamp_ns)
         self.poll()
 
     def add_ping(self, stamp_ns: int, echo: Echo | None) -> None:
@@ -133,15 +135,13 @@ class FrameFlow:
         if not self._goes_on("range", stamp_ns):
             return
         if not self._echoes.add(stamp_ns, echo):
-            self._dropped(
-                "range_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one"
-            )
+            self._drop_late("range", stamp_ns)
         self.poll()
 
     def add_recognition(self, segment: PipeSegment) -> None:
         """Take in the recognizer's answer."""
         if self._open is None or self._open.stamp_ns != segment.stamp_ns:
-            self._dropped("answer_not_asked", f"no frame of {segment.stamp_ns} ns awaits it")
+            self._clerk.dropped("answer_not_asked", f"no frame of {segment.stamp_ns} ns awaits it")
             return
         self._finish(segment, "")
         self.poll()
@@ -156,6 +156,7 @@ class FrameFlow:
         if self._open is not None:
             self._finish(None, reason)
         for held in self._waiting:
+            self._clerk.dropped(reason, f"stamp {held.stamp_ns} ns", 1)
             self._close_unseen(held.stamp_ns, f"dropped: {reason}")
         self._waiting.clear()
         self._poses.clear()
@@ -188,7 +189,7 @@ class FrameFlow:
             self._newest_taken = held.stamp_ns
             if held.frame is None:
                 reason = f"dropped: more than {QUEUE} frames waited for the recognizer"
-                self._dropped("frame_queue_full", f"stamp {held.stamp_ns} ns")
+                self._clerk.dropped("frame_queue_full", f"stamp {held.stamp_ns} ns", 1)
                 self._close_unseen(held.stamp_ns, reason)
             else:
                 self._begin(held.frame)
@@ -197,7 +198,7 @@ class FrameFlow:
         """Whether a stamp is to be used; time going back is a reset."""
         step, reason, details = self._timeline.refusal(kind, stamp_ns)
         if reason:
-            self._dropped(reason, details)
+            self._clerk.dropped(reason, details, int(kind == "frame"))
         if step is Step.BACKWARD:
             self.reset(BACKWARD)
         return not reason
@@ -234,7 +235,7 @@ class FrameFlow:
         stamp = self._open.stamp_ns
         self._open = None
         if reason:
-            self._dropped("recognition_missing", reason)
+            self._clerk.dropped("recognition_missing", reason)
         try:
             tracked = self._tracker.finish(recognition, reason)
         except Exception as error:  # noqa: BLE001 - no answer may end the node
@@ -245,7 +246,7 @@ class FrameFlow:
     def _give_up(self, stamp_ns: int, error: Exception) -> None:
         """Close a frame on which the tracker failed, and let it begin anew."""
         reason = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
-        self._dropped("internal_error", reason)
+        self._clerk.dropped("internal_error", reason, 1)
         self._tracker.reset(reason)
         self._close_unseen(stamp_ns, reason)
 
@@ -263,4 +264,14 @@ class FrameFlow:
         if status.state is State.TRACKING:
             # What was seen before a reset does not count after it.
             self._last_seen = status.reset_counter, status.stamp_ns
-        self._publish_frame(tracked)
+        try:
+            self._publish_frame(tracked)
+        except PipelineTrackerError as error:
+            # Nothing that is not finite goes out, nor is it carried on.
+            self._give_up(status.stamp_ns, error)
+            return
+        self._clerk.answered(status.stamp_ns)
+
+    def _drop_late(self, kind: str, stamp_ns: int, frames: int = 0) -> None:
+        words = f"stamp {stamp_ns} ns is not after the last one"
+        self._clerk.dropped(f"{kind}_late_or_repeated", words, frames)

@@ -23,7 +23,7 @@ from pipeline_tracker.nodes.process import (
     say,
 )
 from pipeline_tracker.settings import Settings
-from pipeline_tracker.settings_io import dotted_values, load_settings
+from pipeline_tracker.settings_io import dotted_values, load_settings, read_qos_overrides
 
 MODULES = ("stereo_vectorizer", "local_recognizer", "pipe_tracker", "relative_state_publisher")
 
@@ -72,26 +72,14 @@ def node_parameters(settings: Settings, config: Path | None = None) -> dict[str,
     Args:
         settings: checked settings.
         config: the file that they come from; its ``qos_overrides`` are passed on.
+
+    Raises:
+        SettingsError: see ``read_qos_overrides``.
     """
     values = {k: v for k, v in dotted_values(settings).items() if v is not None}
     if config is not None:
-        document = yaml.safe_load(config.read_bytes()) or {}
-        for part in document.values():
-            if isinstance(part, dict) and set(part) == {"ros__parameters"}:
-                values.update(_qos_overrides(part["ros__parameters"] or {}, ""))
+        values.update(read_qos_overrides(config))
     return values
-
-
-def _qos_overrides(part: dict[Any, Any], prefix: str) -> dict[str, Any]:
-    """Return the parameters of a parameter file that begin with ``qos_overrides``."""
-    found: dict[str, Any] = {}
-    for name, value in part.items():
-        key = f"{prefix}{name}"
-        if isinstance(value, dict):
-            found.update(_qos_overrides(value, f"{key}."))
-        elif key.startswith("qos_overrides."):
-            found[key] = value
-    return found
 
 
 def _run_separately(values: dict[str, Any], args: list[str], stop: Stop) -> int:

@@ -78,6 +78,9 @@ class ManagedNode(LifecycleNode):
         """What was made last by configuring or activating."""
         return self._scopes[-1]
 
+    def became(self, failure: Exception | None = None) -> None:
+        """Take notice of another state, or of a transition that has failed."""
+
     def close(self) -> None:
         """End all that the node has, whatever state it is in."""
         while self._scopes:
@@ -118,12 +121,15 @@ class ManagedNode(LifecycleNode):
 
     def _enter(self, done: str, step: Callable[[], None]) -> TransitionCallbackReturn:
         self._scopes.append(Scope())
+        self.became()
         try:
             step()
         except Exception as error:  # noqa: BLE001 - whatever it is, it is said and the node lives
             self.failure = error
             self.get_logger().error(f"cannot be {done}: {in_words(error)}")
-            return _FAILURE if self._leave("undone") == _SUCCESS else _ERROR
+            undone = self._leave("undone")
+            self.became(error)
+            return _FAILURE if undone == _SUCCESS else _ERROR
         self.failure = None
         return _SUCCESS
 
@@ -133,6 +139,8 @@ class ManagedNode(LifecycleNode):
         except Exception as error:  # noqa: BLE001 - whatever it is, it is said and the node lives
             self.get_logger().error(f"cannot be {done}: {in_words(error)}")
             return _ERROR
+        finally:
+            self.became()
         return _SUCCESS
 
     def _answer_impossible_transitions(self) -> None:

@@ -9,8 +9,15 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
+from pipeline_tracker.diagnostics.inputs import Need
+from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.messages import segment_message, stamp_ns, vectorized_from_message
+from pipeline_tracker.messages import (
+    request_from_message,
+    segment_message,
+    stamp_ns,
+    vectorized_from_message,
+)
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.lifecycle import Scope
@@ -31,6 +38,7 @@ class LocalRecognizer(MountedNode):
     """Keeps the last few frames and answers each requested stamp with a segment."""
 
     NAME = "local_recognizer"
+    ITEMS = "requests"
 
     def open_outputs(self) -> None:
         """Open the topic of answers."""
@@ -53,14 +61,20 @@ class LocalRecognizer(MountedNode):
             qos.PIPELINE,
         )
         self.listen(
-            "std_msgs/msg/Header", "pipeline/recognition_request", self._on_request, qos.PIPELINE
+            "std_msgs/msg/Header",
+            "pipeline/recognition_request",
+            self._on_request,
+            qos.PIPELINE,
+            request_from_message,
+            Need.AT_TIMES,
+            counted=True,
         )
         self.ready()
 
     def stop(self) -> None:
         """Forget frames and requests."""
-        self._frames.clear()
-        self._requests.clear()
+        if hasattr(self, "_worker"):
+            self._forget("deactivated")
 
     def change(self) -> None:
         """Go on with other settings."""
@@ -69,9 +83,14 @@ class LocalRecognizer(MountedNode):
     def on_clock_went_back(self, now_ns: int, way_ns: int) -> None:  # noqa: ARG002 - no matter
         """Forget frames and requests."""
         if hasattr(self, "_worker"):
-            self._frames.clear()
-            self._requests.clear()
-            self._worker.clear()
+            self._forget("time_went_backward")
+
+    def _forget(self, reason: str) -> None:
+        held = len(self._requests) + len(self._worker.clear())
+        self._frames.clear()
+        self._requests.clear()
+        if held:
+            self.dropped(reason, f"{held} requests of before", held)
 
     def _on_frame(self, message: Any) -> None:
         stamp = stamp_ns(message.header)
@@ -80,23 +99,29 @@ class LocalRecognizer(MountedNode):
         if len(self._frames) > FRAMES:
             self._frames.popitem(last=False)
         asked = self._requests.pop(stamp, None)
-        if asked is not None and time.monotonic() - asked <= FRAME_WITHIN:
+        if asked is None:
+            return
+        if time.monotonic() - asked <= FRAME_WITHIN:
             self._worker.put(message)
+        else:
+            self.dropped("request_without_frame", f"stamp {stamp} ns: it came too late", 1)
 
-    def _on_request(self, header: Any) -> None:
-        stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+    def _on_request(self, stamp: int) -> None:
         if stamp in self._frames:
             self._worker.put(self._frames[stamp])
             return
+        if self._requests.pop(stamp, None) is not None:
+            self.dropped("request_repeated", f"stamp {stamp} ns", 1)
         # The request may overtake the frame.
         self._requests[stamp] = time.monotonic()
         if len(self._requests) > REQUESTS:
             lost, _ = self._requests.popitem(last=False)
-            self.dropped("request_without_frame", f"stamp {lost} ns")
+            self.dropped("request_without_frame", f"stamp {lost} ns", 1)
 
     def _on_overrun(self, message: Any) -> None:
         stamp = stamp_ns(message.header)
-        self.dropped("overrun", f"frame of {stamp} ns: requests come faster than they are answered")
+        words = f"frame of {stamp} ns: requests come faster than they are answered"
+        self.dropped("overrun", words, 1)
 
     def _recognize(self, scope: Scope, message: Any) -> None:
         """Recognise a frame and publish the answer; in the computing thread."""
@@ -107,8 +132,15 @@ class LocalRecognizer(MountedNode):
             self.refused("frame", error)
             segment = PipeSegment.none(stamp, self.settings.radius)
         # The node may have been deactivated meanwhile.
-        if scope.is_open:
+        if not scope.is_open:
+            self.dropped("deactivated", f"request of {stamp} ns", 1)
+            return
+        try:
             self._answer(segment)
+        except PipelineTrackerError as error:
+            self.refused("answer", error)
+            self._answer(PipeSegment.none(stamp, self.settings.radius))
+        self.answered(stamp)
 
     def _answer(self, segment: PipeSegment) -> None:
         self._recognition_out.publish(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from pipeline_tracker.diagnostics.inputs import Need
 from pipeline_tracker.errors import CalibrationError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import transform_from_message
@@ -54,10 +55,18 @@ class MountingListener:
         self._optical = self._settings.frames.left_optical
         self._transforms = StaticTransforms()
         self._transforms_in = node.listen(
-            "tf2_msgs/msg/TFMessage", "/tf_static", self._on_transforms, qos.STATIC_TRANSFORM
+            "tf2_msgs/msg/TFMessage",
+            "/tf_static",
+            self._on_transforms,
+            qos.STATIC_TRANSFORM,
+            need=Need.AT_TIMES,
         )
         self._info_in = node.listen(
-            "sensor_msgs/msg/CameraInfo", "stereo/left/camera_info", self._on_info, qos.SENSOR
+            "sensor_msgs/msg/CameraInfo",
+            "stereo/left/camera_info",
+            self._on_info,
+            qos.SENSOR,
+            need=Need.AT_TIMES,
         )
         self._reminder = node.every(_REMIND_EVERY, self._remind)
 

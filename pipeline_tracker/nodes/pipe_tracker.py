@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
+from pipeline_tracker.diagnostics.inputs import Need
+from pipeline_tracker.diagnostics.levels import Level
+from pipeline_tracker.diagnostics.margin import Margin
 from pipeline_tracker.echoes import Echo
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.messages import (
     header_message,
-    pose_from_message,
     range_from_message,
     segment_from_message,
     segment_message,
@@ -26,6 +28,7 @@ from pipeline_tracker.nodes.frame_flow import DEACTIVATED, FrameFlow
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
+from pipeline_tracker.types import State, VectorizedStereo
 
 # How often waiting frames are looked at, s.
 _POLL = 0.02
@@ -58,25 +61,31 @@ class PipeTracker(MountedNode):
             self.live_clock,
             publish=self._publish,
             request=self._ask,
-            dropped=self.dropped,
+            clerk=self,
             timeline=self.timeline(),
         )
+        self._margin = Margin(self.settings.motion.min_overlap)
+        self._vectorization = 0.0
         self._timer = self.every(_POLL, self._poll)
         self._timer.cancel()
-        self.listen_to_poses(self._on_pose)
+        self.listen_to_poses(self._flow.add_pose)
         if self.settings.mode == "mono":
             self._listen_to_ranges()
         self.listen(
             "pipeline_tracker_msgs/msg/PipeSegment",
             "pipeline/recognition",
-            self._on_recognition,
+            self._flow.add_recognition,
             qos.PIPELINE,
+            segment_from_message,
+            Need.AT_TIMES,
         )
         self.listen(
             "pipeline_tracker_msgs/msg/VectorizedStereo",
             "pipeline/vectorized",
             self._on_frame,
             qos.PIPELINE,
+            _frame_of,
+            counted=True,
         )
         self.ready()
 
@@ -102,23 +111,31 @@ class PipeTracker(MountedNode):
         self._flow.search_again()
         return f"the pipe is forgotten and searched for again, reset {self._flow.reset_counter}"
 
-    def _on_frame(self, message: Any) -> None:
-        self._optical = str(message.header.frame_id)
-        self._flow.add_frame(vectorized_from_message(message))
+    def _on_frame(self, given: tuple[str, VectorizedStereo]) -> None:
+        self._optical, frame = given
+        self._vectorization = frame.processing_time
+        self._flow.add_frame(frame)
         # The timer runs only while something waits.
         if self._flow.busy and self._timer.is_canceled():
             self._timer.reset()
-
-    def _on_pose(self, message: Any) -> None:
-        self._flow.add_pose(*pose_from_message(message))
 
     def _listen_to_ranges(self) -> None:
         self._transforms = StaticTransforms()
         if find_spec("tf2_msgs") is not None:
             self.listen(
-                "tf2_msgs/msg/TFMessage", "/tf_static", self._on_transforms, qos.STATIC_TRANSFORM
+                "tf2_msgs/msg/TFMessage",
+                "/tf_static",
+                self._on_transforms,
+                qos.STATIC_TRANSFORM,
+                need=Need.AT_TIMES,
             )
-        self.listen("sensor_msgs/msg/Range", "altimeter/range", self._on_range, qos.SENSOR)
+        self.listen(
+            "sensor_msgs/msg/Range",
+            "altimeter/range",
+            self._on_range,
+            qos.SENSOR,
+            need=Need.WANTED,
+        )
 
     def _on_transforms(self, message: Any) -> None:
         for transform in message.transforms:
@@ -132,9 +149,6 @@ class PipeTracker(MountedNode):
             sigma = max(self.settings.altimeter.sigma, sigma)
             echo = Echo(stamp, *beam, distance, sigma, half_angle)
         self._flow.add_ping(stamp, echo)
-
-    def _on_recognition(self, message: Any) -> None:
-        self._flow.add_recognition(segment_from_message(message))
 
     def _poll(self) -> None:
         self._flow.poll()
@@ -152,6 +166,24 @@ class PipeTracker(MountedNode):
                 segment_message(self.messages, tracked.segment, self._base_link)
             )
         self._status_out.publish(status_message(self.messages, tracked.status, self._base_link))
+        self._tell(tracked)
+
+    def _tell(self, tracked: TrackedFrame) -> None:
+        """Put what became of a frame into the node's report."""
+        status = tracked.status
+        state = status.state.name.lower()
+        level = Level.OK if status.state is State.TRACKING else Level.WARN
+        why = status.reason or "nothing amiss"
+        self.health.note("tracking", state, level, f"{state} ({why})")
+        self.health.note("reason", status.reason)
+        self.health.note("reset counter", str(status.reset_counter))
+        used = self._vectorization + status.processing_time
+        self._margin.see(tracked.overlap, tracked.allowed, used)
+        self._margin.tell(self.health.note)
+
+
+def _frame_of(message: Any) -> tuple[str, VectorizedStereo]:
+    return str(message.header.frame_id), vectorized_from_message(message)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from pipeline_tracker.diagnostics.inputs import Need
+from pipeline_tracker.diagnostics.levels import Report
+from pipeline_tracker.diagnostics.overall import Overall
+from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.markers import Centerline, markers_message
 from pipeline_tracker.messages import (
     float_message,
-    pose_from_message,
     relative_state_message,
     segment_from_message,
     status_from_message,
 )
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import MountedNode
+from pipeline_tracker.nodes.diagnostics import DiagnosticsListener, overall_name, status_name
+from pipeline_tracker.nodes.launcher import MODULES
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.state_flow import FrameState, OutputWatch, StateFlow
@@ -41,13 +46,23 @@ class RelativeStatePublisher(MountedNode):
     """Gives one relative state for each status, and a state "not valid" when none comes."""
 
     NAME = "relative_state_publisher"
+    ITEMS = "statuses"
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node; see ``PipelineNode``."""
         super().__init__(parameters, **options)
         self._reset_counter = 0
+        namespace = self.get_namespace()
+        self._overall = Overall(
+            overall_name(namespace), [status_name(namespace, name) for name in MODULES]
+        )
+        self._others = DiagnosticsListener(self, self._overall.hear)
         # How often this node itself has forgotten the past: it counts as a reset too.
         self._resets = 0
+
+    def reports(self) -> Iterable[Report]:
+        """Return this node's health, and that of all nodes together."""
+        return [*super().reports(), self._overall.report()]
 
     def open_outputs(self) -> None:
         """Open the topics for the autopilot and for viewers, and the operator's service."""
@@ -75,21 +90,25 @@ class RelativeStatePublisher(MountedNode):
             settings,
             self.live_clock,
             publish=self._publish,
-            dropped=self.dropped,
+            clerk=self,
             timeline=self.timeline(),
         )
-        self.listen_to_poses(self._on_pose)
+        self.listen_to_poses(self._flow.add_pose)
         self.listen(
             "pipeline_tracker_msgs/msg/PipeSegment",
             "pipeline/segment",
-            self._on_segment,
+            self._flow.add_segment,
             qos.PIPELINE,
+            segment_from_message,
+            Need.AT_TIMES,
         )
         self.listen(
             "pipeline_tracker_msgs/msg/TrackingStatus",
             "pipeline/status",
-            self._on_status,
+            self._flow.add_status,
             qos.PIPELINE,
+            status_from_message,
+            counted=True,
         )
         self._timer = self.every(_POLL, self._poll)
         self.ready()
@@ -97,6 +116,7 @@ class RelativeStatePublisher(MountedNode):
     def stop(self) -> None:
         """Forget the past; direction of travel, side and chainage start anew."""
         if hasattr(self, "_flow"):
+            self._flow.forget("deactivated")
             self._resets += 1
             self._reset_counter += 1
             del self._flow, self._watch, self._centerline
@@ -118,15 +138,6 @@ class RelativeStatePublisher(MountedNode):
         here = self._flow.set_reference()
         return "chainage 0 is " + ("here" if here else "where the pipe is seen next")
 
-    def _on_pose(self, message: Any) -> None:
-        self._flow.add_pose(*pose_from_message(message))
-
-    def _on_segment(self, message: Any) -> None:
-        self._flow.add_segment(segment_from_message(message))
-
-    def _on_status(self, message: Any) -> None:
-        self._flow.add_status(status_from_message(message))
-
     def _poll(self) -> None:
         self._flow.poll()
         stamp = self._watch.due(_POLL)
@@ -141,6 +152,14 @@ class RelativeStatePublisher(MountedNode):
             self.dropped("state_too_late", f"image of {state.stamp_ns} ns: not valid any more")
             state = replace(state, valid=False, quality=0.0)
         self._send(state)
+        try:
+            self._show(frame, state)
+        except PipelineTrackerError as error:
+            # The autopilot has got its state: what is missing is only to be looked at.
+            self.refused("view", error)
+
+    def _show(self, frame: FrameState, state: RelativeState) -> None:
+        """Publish the single numbers and what viewers draw."""
         if state.valid:
             for name, variance in _NUMBERS.items():
                 # An unknown number is 0, which a reader of the number alone would take for one.
@@ -167,6 +186,7 @@ class RelativeStatePublisher(MountedNode):
         self._state_out.publish(
             relative_state_message(self.messages, state, self._frames.base_link)
         )
+        self._overall.published(valid=state.valid)
 
 
 def main(args: Sequence[str] | None = None) -> int:

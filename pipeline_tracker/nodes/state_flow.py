@@ -10,6 +10,7 @@ from statistics import median
 
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
+from pipeline_tracker.nodes.clerk import Clerk
 from pipeline_tracker.nodes.live_clock import STANDSTILL, LiveClock, Mark
 from pipeline_tracker.nodes.timeline import Step, Timeline
 from pipeline_tracker.relative_state import RelativeStateEstimator
@@ -53,7 +54,7 @@ class StateFlow:
         settings: Settings,
         clock: LiveClock,
         publish: Callable[[FrameState], None],
-        dropped: Callable[[str, str], None],
+        clerk: Clerk,
         timeline: Timeline | None = None,
     ) -> None:
         """Start without frames.
@@ -63,7 +64,7 @@ class StateFlow:
             settings: ``pose.max_gap`` and ``pose.wait`` are used.
             clock: the node's time.
             publish: called with each frame, in the order of the statuses.
-            dropped: called with reason and details of each input that is not used.
+            clerk: keeps the account of the inputs, a status being an item of it.
             timeline: notices time going backward.
         """
         self._estimator = estimator
@@ -72,7 +73,7 @@ class StateFlow:
         self._pose_wait = settings.pose.wait
         self._clock = clock
         self._publish = publish
-        self._dropped = dropped
+        self._clerk = clerk
         self._timeline = timeline or Timeline()
         self._statuses: deque[tuple[TrackingStatus, Mark]] = deque()
         self._segments: OrderedDict[int, PipeSegment] = OrderedDict()
@@ -83,7 +84,9 @@ class StateFlow:
         if not self._goes_on("pose", stamp_ns):
             return
         if not self._poses.add(stamp_ns, pose):
-            self._dropped("pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one")
+            self._clerk.dropped(
+                "pose_late_or_repeated", f"stamp {stamp_ns} ns is not after the last one"
+            )
         self.poll()
 
     def add_segment(self, segment: PipeSegment) -> None:
@@ -93,7 +96,7 @@ class StateFlow:
         self._segments[segment.stamp_ns] = segment
         if len(self._segments) > QUEUE:
             stamp, _ = self._segments.popitem(last=False)
-            self._dropped("segment_without_status", f"stamp {stamp} ns")
+            self._clerk.dropped("segment_without_status", f"stamp {stamp} ns")
         self.poll()
 
     def add_status(self, status: TrackingStatus) -> None:
@@ -102,7 +105,9 @@ class StateFlow:
             return
         stamp = status.stamp_ns
         if self._newest is not None and stamp <= self._newest:
-            self._dropped("status_late_or_repeated", f"stamp {stamp} ns is not after the last one")
+            self._clerk.dropped(
+                "status_late_or_repeated", f"stamp {stamp} ns is not after the last one", 1
+            )
             return
         self._newest = stamp
         self._statuses.append((status, self._clock.mark()))
@@ -126,7 +131,7 @@ class StateFlow:
     def clock_went_back(self, now_ns: int, way_ns: int) -> None:
         """Forget everything, the simulated clock has gone back."""
         if self._timeline.clock_went_back(now_ns, way_ns):
-            self._forget()
+            self.forget("time_went_backward")
 
     def poll(self) -> None:
         """Go on with what has waited long enough; to be called every few tens of ms."""
@@ -137,12 +142,16 @@ class StateFlow:
         """Whether a stamp is to be used; time going back makes all forget the past."""
         step, reason, details = self._timeline.refusal(kind, stamp_ns)
         if reason:
-            self._dropped(reason, details)
+            self._clerk.dropped(reason, details, int(kind == "status"))
         if step is Step.BACKWARD:
-            self._forget()
+            self.forget("time_went_backward")
         return not reason
 
-    def _forget(self) -> None:
+    def forget(self, reason: str) -> None:
+        """Drop what is held and forget the past."""
+        if self._statuses:
+            count = len(self._statuses)
+            self._clerk.dropped(reason, f"{count} statuses of before", count)
         self._poses.clear()
         self._statuses.clear()
         self._segments.clear()
@@ -161,18 +170,19 @@ class StateFlow:
         status, _ = self._statuses.popleft()
         segment = self._segments.pop(status.stamp_ns, None)
         if segment is None and status.state is not State.SEARCHING:
-            self._dropped("segment_missing", f"stamp {status.stamp_ns} ns")
+            self._clerk.dropped("segment_missing", f"stamp {status.stamp_ns} ns")
             status = replace(status, state=State.SEARCHING, support=0.0)
         # A frame that the tracker took without a pose stands alone here too.
         poses = self._no_poses if _has_no_pose(status) else self._poses
         try:
             state = self._estimator.update(status, segment, poses)
+            self._publish(FrameState(status, segment, state, poses.at(status.stamp_ns)))
         except Exception as error:  # noqa: BLE001 - no frame may end the node
-            self._dropped("internal_error", f"{type(error).__name__}: {error}")
+            self._clerk.dropped("internal_error", f"{type(error).__name__}: {error}")
             self._estimator.reset()
-            segment = None
             state = RelativeState(status.stamp_ns, False, 0.0, status.reset_counter)
-        self._publish(FrameState(status, segment, state, poses.at(status.stamp_ns)))
+            self._publish(FrameState(status, None, state, poses.at(status.stamp_ns)))
+        self._clerk.answered(status.stamp_ns)
 
 
 def _has_no_pose(status: TrackingStatus) -> bool:

@@ -19,6 +19,7 @@ from pipeline_tracker.nodes.worker import END_WITHIN, Worker
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
 from pipeline_tracker.types import VectorizedStereo
+from pipeline_tracker.validation.fields import check_stamp
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
 
 # Pairs that wait while one is computed; as many as the depth of the image topics.
@@ -37,6 +38,11 @@ class Pair:
     right: Any
     epoch: int
 
+    @property
+    def images(self) -> int:
+        """How many images it has."""
+        return 1 if self.right is None else 2
+
 
 @dataclass(frozen=True)
 class Infos:
@@ -50,6 +56,7 @@ class StereoVectorizer(PipelineNode):
     """Pairs the two cameras' images and vectorizes each pair, without memory."""
 
     NAME = "stereo_vectorizer"
+    ITEMS = "images"
 
     def open_outputs(self) -> None:
         """Open the topic of vectorized pairs."""
@@ -102,14 +109,18 @@ class StereoVectorizer(PipelineNode):
         if self.settings.image_transport == "compressed":
             topic, kind = f"{topic}/compressed", "CompressedImage"
 
-        def on_image(message: Any) -> None:
-            self._on_image(side, message)
+        def read(message: Any) -> tuple[int, Any]:
+            check_stamp(message.header)
+            return stamp_ns(message.header), message
+
+        def on_image(given: tuple[int, Any]) -> None:
+            self._on_image(side, *given)
 
         def on_info(message: Any) -> None:
             self._on_info(side, message)
 
         self.listen("sensor_msgs/msg/CameraInfo", f"stereo/{side}/camera_info", on_info, qos.SENSOR)
-        self.listen(f"sensor_msgs/msg/{kind}", topic, on_image, qos.SENSOR)
+        self.listen(f"sensor_msgs/msg/{kind}", topic, on_image, qos.SENSOR, read, counted=True)
 
     def _on_info(self, side: str, message: Any) -> None:
         infos = self._infos
@@ -120,11 +131,10 @@ class StereoVectorizer(PipelineNode):
         while self._without_info and self._is_calibrated():
             self._compute(self._without_info.popleft())
 
-    def _on_image(self, side: str, message: Any) -> None:
-        stamp = stamp_ns(message.header)
+    def _on_image(self, side: str, stamp: int, message: Any) -> None:
         step, reason, details = self._timeline.refusal(f"{side}_image", stamp)
         if reason:
-            self.dropped(reason, details)
+            self.dropped(reason, details, 1)
             return
         if step is Step.BACKWARD:
             self._forget("time_went_backward")
@@ -143,7 +153,7 @@ class StereoVectorizer(PipelineNode):
         alone = left or right
         side = "left" if left is not None else "right"
         stamp = alone.stamp_ns if alone is not None else 0
-        self.dropped(matched.reason, f"{side} image of {stamp} ns")
+        self.dropped(matched.reason, f"{side} image of {stamp} ns", 1)
 
     def _take(self, pair: Pair) -> None:
         if self._is_calibrated():
@@ -153,7 +163,11 @@ class StereoVectorizer(PipelineNode):
         self._without_info.append(pair)
         if len(self._without_info) > QUEUE:
             lost = self._without_info.popleft()
-            self.dropped("no_camera_info", f"pair of {lost.stamp_ns} ns: no camera info has come")
+            self.dropped(
+                "no_camera_info",
+                f"pair of {lost.stamp_ns} ns: no camera info has come",
+                lost.images,
+            )
 
     def _is_calibrated(self) -> bool:
         infos = self._infos
@@ -163,16 +177,22 @@ class StereoVectorizer(PipelineNode):
         self._worker.put((pair, self._infos))
 
     def _on_overrun(self, item: tuple[Pair, Infos]) -> None:
-        self.dropped("overrun", f"pair of {item[0].stamp_ns} ns: images come faster than computed")
+        pair = item[0]
+        self.dropped(
+            "overrun", f"pair of {pair.stamp_ns} ns: images come faster than computed", pair.images
+        )
 
     def _forget(self, reason: str) -> None:
         """Drop what is held and under way."""
-        held = len(self._sync.reset()) + len(self._without_info) + self._worker.clear()
+        pairs = [*self._without_info, *(pair for pair, _ in self._worker.clear())]
+        held = sum(pair.images for pair in pairs)
+        for matched in self._sync.reset():
+            held += (matched.left is not None) + (matched.right is not None)
         self._without_info.clear()
         with self._lock:
             self._epoch += 1
         if held:
-            self.dropped(reason, f"{held} images and pairs of before")
+            self.dropped(reason, f"{held} images of before", held)
 
     def _vectorize(self, item: tuple[Pair, Infos]) -> None:
         """Decode, vectorize and publish a pair; in the computing thread."""
@@ -180,17 +200,20 @@ class StereoVectorizer(PipelineNode):
         try:
             images = self._calibrated(infos)
             frame = self._frame(pair, images)
+            frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
+            given = (infos.left, infos.right) if images.infos_hold else (None, None)
+            message = vectorized_message(self.messages, frame, frame_id, *given)
+            with self._lock:
+                wanted = pair.epoch == self._epoch
+                if wanted:
+                    self._vectorized_out.publish(message)
         except Exception as error:  # noqa: BLE001 - one pair is lost, not the node
-            self.refused("pair", error)
+            self.refused("pair", error, pair.images)
             return
-        frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
-        given = (infos.left, infos.right) if images.infos_hold else (None, None)
-        message = vectorized_message(self.messages, frame, frame_id, *given)
-        with self._lock:
-            if pair.epoch == self._epoch:
-                self._vectorized_out.publish(message)
-                return
-        self.dropped("result_of_before", f"pair of {pair.stamp_ns} ns")
+        if wanted:
+            self.answered(pair.stamp_ns, pair.images)
+        else:
+            self.dropped("result_of_before", f"pair of {pair.stamp_ns} ns", pair.images)
 
     def _calibrated(self, infos: Infos) -> StereoImages:
         if self._images is None or self._images[0] is not infos:

@@ -42,8 +42,15 @@ class Worker(Generic[Item]):
         self._items: deque[Item] = deque()
         self._changed = threading.Condition()
         self._ended = False
+        self._computes = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something waits or is being done."""
+        with self._changed:
+            return self._computes or bool(self._items)
 
     def put(self, item: Item) -> None:
         """Give the thread one more thing to do."""
@@ -54,18 +61,20 @@ class Worker(Generic[Item]):
         if surplus is not None:
             self._on_overrun(surplus)
 
-    def clear(self) -> int:
-        """Forget what waits; return how many that were."""
+    def clear(self) -> list[Item]:
+        """Forget what waits, and return it."""
         with self._changed:
-            forgotten = len(self._items)
+            forgotten = list(self._items)
             self._items.clear()
         return forgotten
 
     def close(self, timeout: float) -> None:
-        """End the thread after what it does now, and wait for that at most ``timeout`` seconds."""
+        """End the thread after what it does now, and wait for that at most ``timeout`` seconds.
+
+        What waits is not done any more; ``clear`` tells what that was.
+        """
         with self._changed:
             self._ended = True
-            self._items.clear()
             self._changed.notify()
         self._thread.join(timeout)
 
@@ -76,9 +85,12 @@ class Worker(Generic[Item]):
                 if self._ended:
                     return
                 item = self._items.popleft()
+                self._computes = True
             try:
                 self._work(item)
             except Exception:
                 # The node may have gone while its last item was computed.
                 if not self._ended:
                     raise
+            finally:
+                self._computes = False

@@ -16,12 +16,11 @@ from pipeline_tracker.bags.reader import BagReader, BagRecord
 from pipeline_tracker.bags.topics import ReplayTopics, find_topics
 from pipeline_tracker.camera_info import calibration_of, is_rectified
 from pipeline_tracker.echoes import Echo, EchoBuffer
-from pipeline_tracker.errors import BagError, CalibrationError
+from pipeline_tracker.errors import BagError, CalibrationError, ImageError, MessageError
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS, PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
-from pipeline_tracker.images import ImageError
 from pipeline_tracker.mounting import (
     StaticTransforms,
     find_beam,
@@ -33,6 +32,7 @@ from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import replace_settings
 from pipeline_tracker.sync import Matched, StereoSynchroniser
 from pipeline_tracker.types import Image
+from pipeline_tracker.validation.fields import check_stamp
 
 # A stamp that goes back by more than this is a clock that was set back, not a late message.
 JUMP_NS = SECOND_NS
@@ -71,6 +71,8 @@ class InputCounts:
     poses: int = 0
     pings: int = 0
     echoes: int = 0
+    refused_pings: int = 0
+    first_refused_ping: str = ""
     unused_poses: Counter[str] = field(default_factory=Counter)
     first_invalid_pose: str = ""
     unreadable: Counter[str] = field(default_factory=Counter)
@@ -183,9 +185,10 @@ class ReplayInput:
     def _take_image(self, record: BagRecord, side: str, poses: PoseBuffer) -> Iterator[Frame]:
         try:
             message = record.unpack()
+            check_stamp(message.header)
             picture = _Picture(message)
             stamp = messages.stamp_ns(message.header)
-        except BagError as error:
+        except (BagError, MessageError) as error:
             self.counts.unreadable[record.topic] += 1
             picture = _Picture(None, str(error))
             stamp = record.stamp_guess()
@@ -200,7 +203,7 @@ class ReplayInput:
     def _take_pose(self, record: BagRecord, poses: PoseBuffer) -> Iterator[Frame]:
         try:
             stamp, pose = messages.pose_from_message(record.unpack())
-        except (BagError, ValueError) as error:
+        except (BagError, MessageError) as error:
             self.counts.unused_poses["invalid"] += 1
             self.counts.first_invalid_pose = self.counts.first_invalid_pose or str(error)
             return
@@ -226,6 +229,10 @@ class ReplayInput:
             stamp, distance, half_angle, sigma = messages.range_from_message(record.unpack())
         except BagError:
             self.counts.unreadable[record.topic] += 1
+            return
+        except MessageError as error:
+            self.counts.refused_pings += 1
+            self.counts.first_refused_ping = self.counts.first_refused_ping or str(error)
             return
         yield from self._step_back("range", stamp, poses)
         self.counts.pings += 1
@@ -363,7 +370,7 @@ class ReplayInput:
         for record in self._bag.records([self.topics.transforms]):
             try:
                 found = [messages.transform_from_message(t) for t in record.unpack().transforms]
-            except (BagError, ValueError):
+            except (BagError, MessageError):
                 self.counts.unreadable[record.topic] += 1
                 continue
             for parent, child, pose in found:

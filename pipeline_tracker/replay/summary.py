@@ -259,10 +259,13 @@ class ReplaySummary:
 def _about_echoes(settings: Settings, counts: InputCounts) -> list[str]:
     if settings.mode != "mono":
         return []
-    if not counts.pings:
+    if not counts.pings and not counts.refused_pings:
         why = "the distance is known by the width of the pipe alone"
         return [f"the bag has no echo sounder (altimeter/range): {why}"]
-    return [f"echo sounder: {counts.echoes} of {count(counts.pings, 'ping')} with an echo"]
+    told = f"echo sounder: {counts.echoes} of {count(counts.pings, 'ping')} with an echo"
+    if counts.refused_pings:
+        told += f"; {counts.refused_pings} refused (the first: {counts.first_refused_ping})"
+    return [told]
 
 
 def _about_input(counts: InputCounts) -> list[str]:

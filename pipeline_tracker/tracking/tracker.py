@@ -16,7 +16,7 @@ from pipeline_tracker.echoes import PlacedEcho
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.travel import TravelDirection
-from pipeline_tracker.limits import OverlapWatch
+from pipeline_tracker.limits import OverlapWatch, Sight
 from pipeline_tracker.pipe_segment import (
     SegmentMaker,
     axis_of_segment,
@@ -66,12 +66,15 @@ class TrackedFrame:
         overlap: share of the pipe in view that the frame before showed too (5.3.1); None where it
             is not known.
         warnings: what the user should know, each told once.
+        allowed: the time that a frame may take at this speed, s (5.3.1); None where it is not
+            known.
     """
 
     status: TrackingStatus
     segment: PipeSegment | None
     overlap: float | None = None
     warnings: tuple[str, ...] = ()
+    allowed: float | None = None
 
 
 @dataclass(frozen=True)
@@ -376,7 +379,7 @@ class Tracker:
         camera: Camera,
     ) -> TrackedFrame:
         """Close a frame in which the pipe was seen."""
-        overlap, warning = self._overlap_of(track, camera)
+        sight = self._sight_of(track, camera)
         self._track = track
         self._seen = (segment.stamp_ns, None if track is None else track.pose)
         self._last = None if track is None else (track.stamp_ns, track.pose)
@@ -390,12 +393,15 @@ class Tracker:
             self._reset_counter,
             spent,
         )
-        return TrackedFrame(status, segment, overlap, (warning,) if warning else ())
+        if sight is None:
+            return TrackedFrame(status, segment)
+        warnings = (sight.warning,) if sight.warning else ()
+        return TrackedFrame(status, segment, sight.overlap, warnings, sight.allowed)
 
-    def _overlap_of(self, track: Track | None, camera: Camera) -> tuple[float | None, str]:
+    def _sight_of(self, track: Track | None, camera: Camera) -> Sight | None:
         """How much of the pipe in view the frame before showed too, and what to say of it."""
         if track is None or self._last is None or track.stamp_ns <= self._last[0]:
-            return None, ""
+            return None
         moved = self._to_optical.rotate(
             track.pose.rotation.T @ (track.pose.translation - self._last[1].translation)
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bookkeeper import Bookkeeper
 
 from pipeline_tracker.echoes import Echo, PlacedEcho
 from pipeline_tracker.geometry.camera import Camera, StereoRig
@@ -75,22 +76,22 @@ class FakeTracker:
         return TrackedFrame(status, None)
 
 
-class Desk:
+class Desk(Bookkeeper):
     """A flow with clocks to turn, and what came out of it."""
 
     def __init__(self, **options: Any) -> None:
+        super().__init__()
         self.now, self.steady = 0, 0.0
         self.tracker = FakeTracker(**options)
         self.closed: list[TrackingStatus] = []
         self.asked: list[float] = []
-        self.drops: list[str] = []
         self.flow = FrameFlow(
             self.tracker,  # type: ignore[arg-type]
             load_settings(None, ["pipe.diameter=0.6", "pose.wait=0.2", "pose.max_gap=3.0"]),
             LiveClock(lambda: self.now, lambda: self.steady),
             publish=lambda tracked: self.closed.append(tracked.status),
             request=lambda stamp: self.asked.append(stamp / SECOND),
-            dropped=lambda reason, _: self.drops.append(reason),
+            clerk=self,
             timeline=Timeline(steady=lambda: self.steady),
             steady=lambda: self.steady,
         )
@@ -301,3 +302,35 @@ def test_a_silent_sounder_is_not_waited_for() -> None:
     desk.pose(9.0, 10.0)
     desk.flow.add_frame(frame(10.0))
     assert desk.stamps == [10.0]
+
+
+def test_every_frame_is_in_the_account_whatever_happens() -> None:
+    desk = Desk(asks={10.0, 20.0, 30.0}, fails={2.0})
+    given = 0
+
+    def give(*seconds: float) -> None:
+        nonlocal given
+        for s in seconds:
+            given += 1
+            desk.flow.add_frame(frame(s))
+
+    desk.pose(9.0, 40.0)
+    give(10.0, 10.0, 9.5)
+    give(11.0, 12.0)
+    desk.flow.reset("deactivated")
+    desk.pose(19.0, 40.0)
+    give(20.0, *(21.0 + 0.1 * i for i in range(QUEUE + 3)))
+    desk.go(ANSWER_WITHIN + 1.0)
+    # A lap later; what is left over of the one before comes in between.
+    give(1.0)
+    give(30.0)
+    give(2.0)
+    desk.pose(2.5)
+    desk.go(ANSWER_WITHIN + 1.0)
+    account = desk.ledger.account()
+    assert given == account.processed + account.lost, account
+    assert set(account.dropped) >= {"frame_late_or_repeated", "deactivated", "frame_queue_full"}
+    assert "internal_error" in account.dropped
+    # Each that was taken has its status, those that were dropped while they waited too.
+    unseen = account.dropped["frame_late_or_repeated"] + account.dropped.get("frame_of_the_past", 0)
+    assert len(desk.closed) == given - unseen

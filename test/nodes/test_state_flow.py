@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bookkeeper import Bookkeeper
 
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.nodes.live_clock import LiveClock
@@ -44,20 +45,20 @@ def segment(seconds: float) -> PipeSegment:
     )
 
 
-class Desk:
+class Desk(Bookkeeper):
     """A flow with clocks to turn, and what came out of it."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.now, self.steady = 0, 0.0
         self.clock = LiveClock(lambda: self.now, lambda: self.steady)
         self.out: list[FrameState] = []
-        self.drops: list[str] = []
         self.flow = StateFlow(
             RelativeStateEstimator(SETTINGS, Pose.identity()),
             SETTINGS,
             self.clock,
             publish=self.out.append,
-            dropped=lambda reason, _: self.drops.append(reason),
+            clerk=self,
             timeline=Timeline(steady=lambda: self.steady),
         )
 

@@ -42,7 +42,7 @@ def test_the_oldest_gives_way_and_is_told() -> None:
     for item in (1, 2, 3, 4):
         worker.put(item)
     assert lost == [1, 2]
-    assert worker.clear() == 2
+    assert worker.clear() == [3, 4]
     go_on.set()
     worker.put(5)
     while len(done) < 2:

@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import argparse
 import random
-import resource
 import shutil
-import signal
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
 from bag_maker import Sea, mcap_of, write_bag
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from soaking import attempt, bounded, memory_mib, say, say_counts
 
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.bags.salvage import salvage
@@ -139,49 +137,18 @@ def save(bag: Path, output: Path) -> None:
     assert count == sum(topic.saved for topic in report.topics), "not all that was saved is there"
 
 
-def attempt(task: Callable[[], object], again: str) -> str:
-    """Do something with a damaged bag; whatever is not our error goes up, with how to repeat it."""
-    # Of its own time: a busy machine is no hang. And of the clock's, for what waits.
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
-    signal.alarm(30 * SECONDS)
-    try:
-        task()
-    except PipelineTrackerError as error:
-        if "\n" in str(error):
-            raise AssertionError("more than one line") from error
-        return "refused"
-    except BaseException:
-        say(again)
-        raise
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.alarm(0)
-    return "done"
-
-
-def hung(_number: int, _frame: FrameType | None) -> None:
-    message = f"still busy after {SECONDS} s"
-    raise SystemExit(message)
-
-
-def say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    signal.signal(signal.SIGPROF, hung)
-    signal.signal(signal.SIGALRM, hung)
     outcomes: Counter[str] = Counter()
     slowest = 0.0
     with tempfile.TemporaryDirectory() as name:
         sources = sound_bags(Path(name))
         for source in sources:
             read(source)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = memory_mib()
         for index in range(given.seed, given.seed + given.count):
             place = Path(name) / "work"
             place.mkdir()
@@ -195,13 +162,13 @@ def main() -> int:
             }
             for what, task in tasks.items():
                 doing = f"{what}, {damage}"
-                outcomes[f"{doing}: {attempt(task, f'{doing}; --seed {index} --count 1')}"] += 1
-            slowest = max(slowest, time.process_time() - start)
+                with bounded(SECONDS, f"{doing}; --seed {index} --count 1"):
+                    outcomes[f"{doing}: {attempt(task, PipelineTrackerError)}"] += 1
+            slowest = max(slowest, time.monotonic() - start)
             shutil.rmtree(place)
-    growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    for outcome, count in sorted(outcomes.items()):
-        say(f"{outcome} {count}")
-    say(f"{given.count} bags; slowest {slowest:.2f} s of its time; memory grew by {growth:.0f} MiB")
+    growth = memory_mib() - before
+    say_counts(outcomes)
+    say(f"{given.count} bags; slowest {slowest:.2f} s; memory grew by {growth:.0f} MiB")
     return int(growth > GROWTH_MIB)
 
 
