@@ -53,7 +53,7 @@ class SettingRow:
     choices: tuple[Any, ...]
     unit: str
     description: str
-    live: tuple[str, ...]
+    live: tuple[str, ...] = ()
 
     @property
     def range(self) -> str:
