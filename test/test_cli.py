@@ -137,7 +137,8 @@ def test_interrupted_replay_is_exit_code_130(
     bag = write_bag(tmp_path / "bag", Sea(frames=8).items())
     assert run_command(["replay", str(bag), *DIAMETER, "--output", "out"]) == 130
     captured = capsys.readouterr()
-    assert captured.err == "pipeline-tracker: interrupted; what was computed is in out\n"
+    expected = "interrupted; what was computed is in out, --resume goes on with it"
+    assert captured.err == f"pipeline-tracker: {expected}\n"
     assert "interrupted after 3 frames" in captured.out
     assert len((tmp_path / "out" / "estimates.csv").read_text().splitlines()) == 4
 

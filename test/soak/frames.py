@@ -54,12 +54,12 @@ class Watch:
         self.used.append(self.process.memory_info().rss / MEGABYTE)
         self.things.append((self.process.num_threads(), self.process.num_fds()))
 
-    def slope(self) -> tuple[float, float]:
-        """Return growth and its standard error, MB for 1,000 frames, the first tenth left out.
+    def slope(self, left_out: float) -> tuple[float, float]:
+        """Return growth and its standard error, MB for 1,000 frames, a share left out at first.
 
         From the means of blocks: what neighbours have in common is not counted twice.
         """
-        first = len(self.numbers) // 10
+        first = int(left_out * len(self.numbers))
         x = np.array([b.mean() for b in np.array_split(self.numbers[first:], BLOCKS)]) / 1000.0
         y = np.array([b.mean() for b in np.array_split(self.used[first:], BLOCKS)])
         (growth, _), covariance = np.polyfit(x, y, 1, cov=True)
@@ -161,14 +161,16 @@ def main() -> int:
         done = in_process(recording, given.frames, watch)
     else:
         done, watch = run_nodes(recording, given.frames, make)
-    growth, error = watch.slope()
+    growth, error = watch.slope(0.5)
+    early, early_error = watch.slope(0.1)
     settled = watch.things[len(watch.things) // 10 :]
     threads, files = (sorted({one[k] for one in settled}) for k in (0, 1))
     sys.stdout.write(
         f"{done.frames} frames of {SIZE[0]} x {SIZE[1]} in {done.seconds:.0f} s, "
         f"{done.frames / done.seconds:.1f} a second; {done.lost} lost, {done.valid} valid\n"
         f"memory {watch.used[0]:.1f} MB at first, {watch.used[-1]:.1f} MB at last; growth "
-        f"{growth:.4f} +- {error:.4f} MB for 1,000 frames (standard error)\n"
+        f"{growth:.4f} +- {error:.4f} MB for 1,000 frames in the last half, "
+        f"{early:.4f} +- {early_error:.4f} in the last nine tenths (standard errors)\n"
         f"threads {threads}, open files {files}\n"
     )
     grows = growth - 2.0 * error > GROWTH / 100.0
