@@ -22,6 +22,7 @@ from pipeline_tracker.errors import PipelineTrackerError
 DONE, NEVER_FOUND, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SOME_FAILED = 1
 TOO_SLOW = 1
+SOMETHING_WRONG = 1
 _MOST_JOBS = 256
 
 Task = Callable[[], int]
@@ -314,6 +315,17 @@ def bench(
     return partial(_bench, json_file, sizes, tuple(settings or ()), given)
 
 
+@app.command()
+def doctor(
+    json_: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    talk: Annotated[
+        bool, typer.Option(help="Let two processes talk over DDS, for some seconds.")
+    ] = True,
+) -> Task:
+    """Tell what is wrong with this machine for pipeline_tracker, and what to do about it."""
+    return partial(_doctor, as_json=json_, talk=talk)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     sys.exit(run_command(sys.argv[1:] if arguments is None else arguments))
@@ -517,6 +529,12 @@ def _bench(
     chosen = SIZES if sizes is None else parse_sizes(sizes)
     bench_command(BenchOptions(settings=overrides, sizes=chosen, **given), json_file)
     return DONE
+
+
+def _doctor(*, as_json: bool, talk: bool) -> int:
+    from pipeline_tracker.doctor import doctor_command
+
+    return DONE if doctor_command(as_json=as_json, talk=talk) else SOMETHING_WRONG
 
 
 if __name__ == "__main__":
