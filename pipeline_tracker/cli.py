@@ -269,6 +269,12 @@ def limits(
         Optional[str],  # noqa: UP045
         typer.Option("--time", metavar="MS", help="What a frame takes; exit 1 if it is too long."),
     ] = None,
+    plot: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--plot", metavar="FILE", help="Draw it over height and speed: PNG, SVG, PDF."
+        ),
+    ] = None,
 ) -> Task:
     """Tell how fast it must be for a planned dive: the condition t1 <= t2 of 5.3.1."""
     given = {"altitude": altitude, "angle": angle, "tilt": tilt, "overlap": overlap, "speed": speed}
@@ -276,7 +282,7 @@ def limits(
     spent = None if time is None else _number("--time", time, float) / 1e3
     if spent is not None and not 0.0 < spent < 1e6:
         raise _UsageError(f"--time {time}: expected milliseconds above 0")
-    return partial(_limits, numbers, spent)
+    return partial(_limits, numbers, spent, plot)
 
 
 @app.command()
@@ -511,12 +517,17 @@ def _benchmark(
     return DONE if outcome.whole else SOME_FAILED
 
 
-def _limits(numbers: dict[str, float], spent: float | None) -> int:
+def _limits(numbers: dict[str, float], spent: float | None, plot: Path | None) -> int:
     from pipeline_tracker.limits import Plan
 
     plan = Plan(**numbers)
     plan.check()
     _say(plan.in_words(spent))
+    if plot is not None:
+        from pipeline_tracker.report.limits_plot import write_limits_plot
+
+        write_limits_plot(plan, plot, spent)
+        _say(f"drawn in {plot}")
     return TOO_SLOW if spent is not None and spent > plan.time else DONE
 
 
