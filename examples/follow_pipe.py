@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,6 @@ import numpy as np
 import rclpy
 from numpy.typing import NDArray
 from pipe_follower import Command, Gains, PipeFollower
-from pipeline_tracker_msgs.msg import RelativeState
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
@@ -39,6 +39,7 @@ from pipeline_tracker.simulation.records import Messages, Record
 from pipeline_tracker.simulation.scenario_files import load_scenario
 from pipeline_tracker.simulation.simulator import Sea, build_sea
 from pipeline_tracker.simulation.streams import random_stream
+from pipeline_tracker_msgs.msg import RelativeState
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,7 @@ class Navigation:
             way = float(np.linalg.norm(step.translation))
             wrong = Pose.from_rpy(
                 step.translation * 1.005 + 0.002 * way * self._rng.standard_normal(3),
-                step.rpy() + [0.0, 0.0, 0.001 * way * float(self._rng.standard_normal())],
+                step.rpy() + np.array([0.0, 0.0, 0.001 * way * self._rng.standard_normal()]),
             )
             self._pose = self._pose @ wrong
         self._true = true
@@ -321,7 +322,7 @@ def draw(rows: list[dict[str, float]], file: Path, settled: float) -> None:
     }
     for axes, (name, values) in zip(figure.subplots(3, sharex=True), shown.items(), strict=True):
         axes.plot(along, values, color="#0072B2")
-        for before, after in zip(rows, rows[1:], strict=False):
+        for before, after in pairwise(rows):
             if not before["valid"]:
                 axes.axvspan(before["along"], after["along"], color="#D55E00", alpha=0.3, lw=0)
         axes.set_ylabel(name)

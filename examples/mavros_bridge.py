@@ -1,11 +1,12 @@
-"""A node that follows the pipe through MAVROS: relative states in, velocity setpoints out.
+r"""A node that follows the pipe through MAVROS: relative states in, velocity setpoints out.
 
 Publishes geometry_msgs/TwistStamped on ``setpoint_velocity/cmd_vel`` (run it in MAVROS's
 namespace, or remap) ten times a second: always, zeros too, because ArduSub and PX4 take silence
 for a failure. The velocities are along the vehicle's axes, so MAVROS must have
 ``mav_frame: BODY_NED`` for its plugin setpoint_velocity.
 
-    python examples/mavros_bridge.py --ros-args -r __ns:=/mavros -r pipeline/relative_state:=/pipeline/relative_state
+    python examples/mavros_bridge.py --ros-args -r __ns:=/mavros \
+        -r pipeline/relative_state:=/pipeline/relative_state
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from typing import Any
 import rclpy
 from geometry_msgs.msg import TwistStamped
 from pipe_follower import Command, Gains, PipeFollower
-from pipeline_tracker_msgs.msg import RelativeState
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+
+from pipeline_tracker_msgs.msg import RelativeState
 
 _PERIOD = 0.1
 
