@@ -22,7 +22,8 @@ PAGES = [
 ]
 # A block of commands, with the comment before it that says why a test does not run it.
 _BLOCK = re.compile(
-    r"^(?P<mark> *<!-- [^>]*-->\n)?(?P<indent> *)```bash\n(?P<text>.*?)^ *```", re.M | re.S
+    r"^(?P<mark> *<!-- [^>]*-->\n)?(?P<indent> *)```bash\n(?P<text>.*?)^ *```",
+    re.MULTILINE | re.DOTALL,
 )
 _INLINE = re.compile(r"`(pipeline-tracker [a-z][^`]*)`")
 
