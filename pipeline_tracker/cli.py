@@ -22,6 +22,7 @@ from pipeline_tracker.errors import PipelineTrackerError
 DONE, NEVER_FOUND, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SOME_FAILED = 1
 TOO_SLOW = 1
+SOMETHING_WRONG = 1
 _MOST_JOBS = 256
 
 Task = Callable[[], int]
@@ -285,6 +286,12 @@ def limits(
         Optional[str],  # noqa: UP045
         typer.Option("--time", metavar="MS", help="What a frame takes; exit 1 if it is too long."),
     ] = None,
+    plot: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--plot", metavar="FILE", help="Draw it over height and speed: PNG, SVG, PDF."
+        ),
+    ] = None,
 ) -> Task:
     """Tell how fast it must be for a planned dive: the condition t1 <= t2 of 5.3.1."""
     given = {"altitude": altitude, "angle": angle, "tilt": tilt, "overlap": overlap, "speed": speed}
@@ -292,7 +299,7 @@ def limits(
     spent = None if time is None else _number("--time", time, float) / 1e3
     if spent is not None and not 0.0 < spent < 1e6:
         raise _UsageError(f"--time {time}: expected milliseconds above 0")
-    return partial(_limits, numbers, spent)
+    return partial(_limits, numbers, spent, plot)
 
 
 @app.command()
@@ -329,6 +336,17 @@ def bench(
     pairs = None if frames is None else int(_number("--frames", frames, int))
     given = {"repeat": rounds, "frames": pairs, "live": live, "images": images, "plots": plots}
     return partial(_bench, json_file, sizes, tuple(settings or ()), given)
+
+
+@app.command()
+def doctor(
+    json_: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    talk: Annotated[
+        bool, typer.Option(help="Let two processes talk over DDS, for some seconds.")
+    ] = True,
+) -> Task:
+    """Tell what is wrong with this machine for pipeline_tracker, and what to do about it."""
+    return partial(_doctor, as_json=json_, talk=talk)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -546,12 +564,17 @@ def _benchmark(
     return DONE if outcome.whole else SOME_FAILED
 
 
-def _limits(numbers: dict[str, float], spent: float | None) -> int:
+def _limits(numbers: dict[str, float], spent: float | None, plot: Path | None) -> int:
     from pipeline_tracker.limits import Plan
 
     plan = Plan(**numbers)
     plan.check()
     _say(plan.in_words(spent))
+    if plot is not None:
+        from pipeline_tracker.report.limits_plot import write_limits_plot
+
+        write_limits_plot(plan, plot, spent)
+        _say(f"drawn in {plot}")
     return TOO_SLOW if spent is not None and spent > plan.time else DONE
 
 
@@ -564,6 +587,12 @@ def _bench(
     chosen = SIZES if sizes is None else parse_sizes(sizes)
     bench_command(BenchOptions(settings=overrides, sizes=chosen, **given), json_file)
     return DONE
+
+
+def _doctor(*, as_json: bool, talk: bool) -> int:
+    from pipeline_tracker.doctor import doctor_command
+
+    return DONE if doctor_command(as_json=as_json, talk=talk) else SOMETHING_WRONG
 
 
 if __name__ == "__main__":

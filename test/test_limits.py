@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from swim import Swim, settings_of
@@ -94,3 +96,22 @@ def test_the_tracker_watches() -> None:
         assert frame.overlap == pytest.approx(1.0 - way / LENGTH, abs=0.02)
     assert [len(frame.warnings) for frame in frames] == [0, 0, 0, 1, 0, 0]
     assert "motion.min_overlap=0.9" in frames[3].warnings[0]
+
+
+def test_a_plan_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "limits.png"
+    assert run_command(["limits", "--time", "75", "--plot", str(file)]) == 0
+    assert f"drawn in {file}" in capsys.readouterr().out
+    picture = cv2.imread(str(file))
+    assert picture is not None
+    # Its lines: five colours of their own, the planned one orange.
+    orange = np.array([0, 159, 230])
+    assert (np.abs(picture.astype(int) - orange).max(axis=2) < 30).sum() > 500
+
+
+@pytest.mark.parametrize("name", ["limits.xyz", "none/limits.png"])
+def test_a_plot_that_cannot_be_written(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command(["limits", "--plot", str(tmp_path / name)]) == 2
+    assert "--plot" in capsys.readouterr().err
