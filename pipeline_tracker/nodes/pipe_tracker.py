@@ -25,6 +25,7 @@ from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.frame_flow import FrameFlow
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.self_check import SelfCheck
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 
 # How often waiting frames are looked at, s.
@@ -49,6 +50,7 @@ class PipeTracker(MountedNode):
             dropped=self.dropped,
             timeline=self.timeline(),
         )
+        self._check = SelfCheck(self.settings, mounting)
         self._segment_out = self.speak("pipeline_tracker_msgs/msg/PipeSegment", "pipeline/segment")
         self._status_out = self.speak("pipeline_tracker_msgs/msg/TrackingStatus", "pipeline/status")
         self._request_out = self.speak("std_msgs/msg/Header", "pipeline/recognition_request")
@@ -126,6 +128,17 @@ class PipeTracker(MountedNode):
                 segment_message(self.messages, tracked.segment, self._base_link)
             )
         self._status_out.publish(status_message(self.messages, tracked.status, self._base_link))
+        self._watch(tracked)
+
+    def _watch(self, tracked: TrackedFrame) -> None:
+        """Check the user's numbers by a frame that is out already: nobody waits for it."""
+        try:
+            warnings = self._check.see(tracked)
+        except Exception as error:  # noqa: BLE001 - no check may end the node
+            self.dropped("self_check_failed", f"{type(error).__name__}: {error}")
+            return
+        for warning in warnings:
+            self.get_logger().warning(warning)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -66,12 +66,15 @@ class TrackedFrame:
         overlap: share of the pipe in view that the frame before showed too (5.3.1); None where it
             is not known.
         warnings: what the user should know, each told once.
+        frame, pose: what was tracked, for checks afterwards; None where it was not seen.
     """
 
     status: TrackingStatus
     segment: PipeSegment | None
     overlap: float | None = None
     warnings: tuple[str, ...] = ()
+    frame: VectorizedStereo | None = None
+    pose: Pose | None = None
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,8 @@ class Tracker:
         if predicted is not None and pose is not None:
             found, reason = self._follow(frame, predicted, pose)
             if found is not None:
-                return self._tracked(frame, pose, found, time.perf_counter() - start)
+                tracked = self._tracked(frame, pose, found, time.perf_counter() - start)
+                return replace(tracked, frame=frame, pose=pose)
         self._open = _OpenFrame(frame, pose, predicted, reason, time.perf_counter() - start)
         return None
 
@@ -197,6 +201,16 @@ class Tracker:
             raise RuntimeError("no frame waits for a recognition; call begin first")
         start = time.perf_counter()
         opened, self._open = self._open, None
+        closed = self._closed(opened, recognition, no_answer_reason, start)
+        return replace(closed, frame=opened.frame, pose=opened.pose)
+
+    def _closed(
+        self,
+        opened: _OpenFrame,
+        recognition: PipeSegment | None,
+        no_answer_reason: str,
+        start: float,
+    ) -> TrackedFrame:
         reason = no_answer_reason if recognition is None else PIPE_NOT_FOUND
         if recognition is not None and recognition.found:
             accepted: PipeSegment | None = recognition
