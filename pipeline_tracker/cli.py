@@ -24,6 +24,7 @@ SOME_FAILED = 1
 TOO_SLOW = 1
 SOMETHING_WRONG = 1
 _MOST_JOBS = 256
+_MOST_FRAMES = 100
 
 Task = Callable[[], int]
 
@@ -206,6 +207,10 @@ def evaluate(
         typer.Option("--truth", metavar="BAG", help="Bag with the truth."),
     ] = None,
     plots: Annotated[bool, typer.Option(help="Draw the errors, coverage and states.")] = True,
+    worst: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--worst", metavar="N", help="Draw the N worst frames with their truth."),
+    ] = None,
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON Schema of evaluation.json.")
     ] = False,
@@ -217,7 +222,10 @@ def evaluate(
         raise _UsageError("no DIR given; name the output directory of a replay")
     if truth is None:
         raise _UsageError("no --truth given; name the bag with the truth")
-    return partial(_evaluate, directory, truth, plots=plots)
+    count = 0 if worst is None else int(_number("--worst", worst, int))
+    if worst is not None and not 1 <= count <= _MOST_FRAMES:
+        raise _UsageError(f"--worst {count}: expected 1 to {_MOST_FRAMES}")
+    return partial(_evaluate, directory, truth, plots=plots, worst=count)
 
 
 @app.command()
@@ -520,10 +528,10 @@ def _simulate(scenario: str, output: Path, overrides: list[str], seed: int | Non
     return _say(f"written to {simulate(scenario, output, overrides, seed)}")
 
 
-def _evaluate(directory: Path, truth: Path, *, plots: bool) -> int:
+def _evaluate(directory: Path, truth: Path, *, plots: bool, worst: int) -> int:
     from pipeline_tracker.evaluation import evaluate_command
 
-    evaluate_command(directory, truth, plots=plots)
+    evaluate_command(directory, truth, plots=plots, worst=worst)
     return DONE
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fit_axis
 from pipeline_tracker.echoes import Echoes
 from pipeline_tracker.evidence import (
+    EDGE_OUTSIDE,
     REFERENCE_WIDTH,
     SPAN,
     contour_rays,
@@ -43,9 +44,6 @@ _ECHO_WEIGHT = 0.5
 _DOUBT, _LEAST_DOUBT = 0.2, 0.03
 # Where the echoes tell the distance, only edges within so many of its standard deviations.
 _DOUBT_SIGMAS = 2.5
-# The strongest gradient lies outside of the contour: the pipe's limb turns dark before it ends. Px
-# at 1200 px width, by rendered seas at 2 and at 4 m.
-_EDGE_OUTSIDE = 0.7
 # Standard deviation of a lone clean edge, px at 1200 px width, and the share of the spread of all
 # edges near it that is added.
 _CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
@@ -332,7 +330,7 @@ def _evidence(
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
         sigmas[own] = max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread) * scale, 0.5) / camera.fx
-    rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
+    rays = _inward(rays, sides, axis, EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
         points=points,

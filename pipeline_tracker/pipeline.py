@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
+from pipeline_tracker.self_check import SelfCheck
 from pipeline_tracker.settings import PipeSettings, Settings
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
@@ -54,6 +55,7 @@ class Pipeline:
         self._recognizer = Recognizer(settings, mounting)
         self._tracker = Tracker(settings, mounting, recognition_only)
         self._estimator = RelativeStateEstimator(settings, mounting)
+        self._check = SelfCheck(settings, mounting)
 
     def process(
         self,
@@ -89,6 +91,7 @@ class Pipeline:
             recognition = self._recognizer.recognize(vectorized) if known is None else known
             tracked = self._tracker.finish(recognition)
         state = self._estimator.update(tracked.status, tracked.segment, self.poses)
+        tracked = replace(tracked, warnings=tracked.warnings + self._check.see(tracked))
         return FrameResult(vectorized, recognition, tracked, state)
 
     def reset(self, reason: str) -> None:

@@ -17,6 +17,7 @@ from pipeline_tracker.evaluation.schema import Evaluation, Setup
 from pipeline_tracker.evaluation.searches import finding
 from pipeline_tracker.evaluation.table import print_evaluation
 from pipeline_tracker.evaluation.truth import Truth, read_truth
+from pipeline_tracker.evaluation.worst import write_worst
 
 FILE_NAME = "evaluation.json"
 
@@ -36,14 +37,22 @@ def evaluate(replay_dir: Path, truth_bag: Path) -> Evaluation:
         BagError: a bag cannot be read.
         SettingsError: the replay's settings cannot be read.
     """
+    return _measured(*_read(replay_dir, truth_bag))
+
+
+def _read(replay_dir: Path, truth_bag: Path) -> tuple[Replay, Truth]:
     replay = read_replay(replay_dir)
     truth = read_truth(truth_bag, replay.settings, replay.thumbnails.keys(), replay.rig)
+    return replay, truth
+
+
+def _measured(replay: Replay, truth: Truth) -> Evaluation:
     fit = check_fit(replay, truth)
     judge = Judge(replay, truth)
     frames = [judge.judge(estimate) for estimate in replay.estimates]
     return Evaluation(
-        replay=str(replay_dir),
-        truth=str(truth_bag),
+        replay=str(replay.directory),
+        truth=str(truth.path),
         fit=fit,
         setup=_setup(replay, truth),
         counts=count(frames),
@@ -54,7 +63,12 @@ def evaluate(replay_dir: Path, truth_bag: Path) -> Evaluation:
 
 
 def evaluate_command(
-    replay_dir: Path, truth_bag: Path, console: Console | None = None, *, plots: bool = True
+    replay_dir: Path,
+    truth_bag: Path,
+    console: Console | None = None,
+    *,
+    plots: bool = True,
+    worst: int = 0,
 ) -> None:
     """Evaluate, write ``evaluation.json`` and plots into the replay's directory, print the tables.
 
@@ -62,18 +76,22 @@ def evaluate_command(
         replay_dir, truth_bag: see ``evaluate``.
         console: where to print; standard output by default.
         plots: whether to write the plots.
+        worst: of how many frames, the worst ones, to write a contact sheet.
 
     Raises:
         EvaluationError: as ``evaluate``, or a file cannot be written.
         BagError, SettingsError: as ``evaluate``.
     """
-    evaluation = evaluate(replay_dir, truth_bag)
+    replay, truth = _read(replay_dir, truth_bag)
+    evaluation = _measured(replay, truth)
     path = replay_dir / FILE_NAME
     try:
         path.write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise EvaluationError(f"{path}: cannot be written ({error.strerror})") from None
     written = [path, *(write_plots(evaluation, replay_dir) if plots else ())]
+    sheet = write_worst(replay, truth, evaluation.per_frame, worst) if worst else None
+    written += [] if sheet is None else [sheet]
     console = console or Console()
     print_evaluation(evaluation, console)
     names = ", ".join(file.name for file in written)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,6 +97,34 @@ def read_recording(
                 with suppress(ImageError):
                     recording.thumbnails[stamp] = thumbnail(read(message))
     return recording
+
+
+def read_left_images(path: Path, settings: Settings, stamps: Collection[int]) -> dict[int, Image]:
+    """Read some left images of a bag, as a replay saw them.
+
+    Args:
+        path: the bag.
+        settings: the replay's settings.
+        stamps: of the frames, ns.
+
+    Returns:
+        (H, W) uint8 by stamp; those that are missing or cannot be decoded are left out.
+
+    Raises:
+        BagError: the bag cannot be read.
+    """
+    images: dict[int, Image] = {}
+    with BagReader(path) as bag:
+        topics = _find_topics(bag, settings)
+        if not topics.image or not stamps:
+            return images
+        read = _reader(bag, settings, topics.infos[0])
+        for record in bag.records([topics.image], complete=False):
+            if record.stamp_guess() in stamps:
+                message = record.unpack()
+                with suppress(ImageError):
+                    images[stamp_ns(message.header)] = read(message)
+    return images
 
 
 def _find_topics(bag: BagReader, settings: Settings) -> _Topics:

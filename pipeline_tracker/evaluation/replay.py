@@ -52,6 +52,7 @@ class Estimate:
         technique: 0 tracking, 1 to 4; None without a segment.
         start, end: ends of the segment in base_link, (3,), m; None without a segment.
         numbers: the columns of ``NUMBERS`` that are not empty.
+        reason: as the table has it.
     """
 
     stamp_ns: int
@@ -63,6 +64,7 @@ class Estimate:
     start: Array | None
     end: Array | None
     numbers: dict[str, float]
+    reason: str = ""
 
 
 @dataclass
@@ -146,6 +148,7 @@ def _estimate(path: Path, line: int, row: dict[str, str]) -> Estimate:
             start=_point(row, "start"),
             end=_point(row, "end"),
             numbers={name: _number(row[name]) for name in NUMBERS if row[name]},
+            reason=row["reason"],
         )
     except (ValueError, TypeError) as error:
         raise EvaluationError(

@@ -27,6 +27,7 @@ from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.frame_flow import DEACTIVATED, FrameFlow
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.self_check import SelfCheck
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import State, VectorizedStereo
 
@@ -66,6 +67,7 @@ class PipeTracker(MountedNode):
         )
         self._margin = Margin(self.settings.motion.min_overlap)
         self._vectorization = 0.0
+        self._check = SelfCheck(self.settings, mounting)
         self._timer = self.every(_POLL, self._poll)
         self._timer.cancel()
         self.listen_to_poses(self._flow.add_pose)
@@ -167,6 +169,7 @@ class PipeTracker(MountedNode):
             )
         self._status_out.publish(status_message(self.messages, tracked.status, self._base_link))
         self._tell(tracked)
+        self._watch(tracked)
 
     def _tell(self, tracked: TrackedFrame) -> None:
         """Put what became of a frame into the node's report."""
@@ -180,6 +183,16 @@ class PipeTracker(MountedNode):
         used = self._vectorization + status.processing_time
         self._margin.see(tracked.overlap, tracked.allowed, used)
         self._margin.tell(self.health.note)
+
+    def _watch(self, tracked: TrackedFrame) -> None:
+        """Check the user's numbers by a frame that is out already: nobody waits for it."""
+        try:
+            warnings = self._check.see(tracked)
+        except Exception as error:  # noqa: BLE001 - no check may end the node
+            self.refused("self_check", error, 0)
+            return
+        for warning in warnings:
+            self.get_logger().warning(warning)
 
 
 def _frame_of(message: Any) -> tuple[str, VectorizedStereo]:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, Evidence, Prior, across, fit_axis
 from pipeline_tracker.evidence import (
+    EDGE_OUTSIDE,
+    SPAN,
     contour_rays,
     distances_from_axis,
     on_face,
@@ -26,6 +28,11 @@ Array = NDArray[np.float64]
 
 REFERENCE_WIDTH = 1200.0
 _GATE = 3.0
+# Contours are straight lines so far to each side of the middle, m; where too little of one is seen
+# there, further. The least of it, in sights.
+_SPANS, _LEAST_SIGHTS = (0.8, SPAN), 2.0
+# Robust widths of a line's fit, px at 1200 px width or more.
+_LINE_WIDTHS = (3.0, 2.0, 1.2, 1.2, 1.2, 1.2)
 # Standard deviation of a contour line's place at each of its ends, px at 1200 px width.
 _LINE_SIGMA = 0.5
 # Technique 1: the pipe is taken as straight so far to each side of the middle, m, and its direction
@@ -50,9 +57,13 @@ def contour_line(
         (a, b, c), or None where too little of it is seen.
     """
     scale = camera.width / REFERENCE_WIDTH
-    rays, sides, weights = contour_rays(segments, camera, axis, radius, max(2.0, _GATE * scale))
-    mine = sides == side
-    if float(weights[mine].sum()) < 2.0:
+    gate = max(2.0, _GATE * scale)
+    for span in _SPANS:
+        rays, sides, weights = contour_rays(segments, camera, axis, radius, gate, span=span)
+        mine = sides == side
+        if float(weights[mine].sum()) >= _LEAST_SIGHTS:
+            break
+    else:
         return None
     rays, weights = rays[mine], weights[mine]
     pixels = np.stack(
@@ -64,15 +75,17 @@ def contour_line(
     )
     robust = np.ones(len(pixels))
     line = np.zeros(3)
-    for _ in range(5):
+    for width in _LINE_WIDTHS:
         w = weights * robust
         centre = (pixels * w[:, None]).sum(axis=0) / w.sum()
         away = pixels - centre
         _, vectors = np.linalg.eigh((away * w[:, None]).T @ away)
         normal = vectors[:, 0]
         line = np.array([normal[0], normal[1], -float(normal @ centre)])
-        off = away @ normal
-        robust = 1.0 / (1.0 + np.square(off / (1.5 * max(1.0, scale))))
+        # Edges beside the contour (growth, a shadow) are many: those that agree win, not the mean.
+        robust = np.square(1.0 / (1.0 + np.square(away @ normal / (width * max(1.0, scale)))))
+    inward = np.sign(line[:2] @ camera.project(axis.point) + line[2])
+    line[2] -= inward * EDGE_OUTSIDE * scale
     return line
 
 

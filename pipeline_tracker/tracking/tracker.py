@@ -68,6 +68,7 @@ class TrackedFrame:
         warnings: what the user should know, each told once.
         allowed: the time that a frame may take at this speed, s (5.3.1); None where it is not
             known.
+        frame, pose: what was tracked, for checks afterwards; None where it was not seen.
     """
 
     status: TrackingStatus
@@ -75,6 +76,8 @@ class TrackedFrame:
     overlap: float | None = None
     warnings: tuple[str, ...] = ()
     allowed: float | None = None
+    frame: VectorizedStereo | None = None
+    pose: Pose | None = None
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,8 @@ class Tracker:
         if predicted is not None and pose is not None:
             found, reason = self._follow(frame, predicted, pose)
             if found is not None:
-                return self._tracked(frame, pose, found, time.perf_counter() - start)
+                tracked = self._tracked(frame, pose, found, time.perf_counter() - start)
+                return replace(tracked, frame=frame, pose=pose)
         self._open = _OpenFrame(frame, pose, predicted, reason, time.perf_counter() - start)
         return None
 
@@ -212,6 +216,16 @@ class Tracker:
             raise RuntimeError("no frame waits for a recognition; call begin first")
         start = time.perf_counter()
         opened, self._open = self._open, None
+        closed = self._closed(opened, recognition, no_answer_reason, start)
+        return replace(closed, frame=opened.frame, pose=opened.pose)
+
+    def _closed(
+        self,
+        opened: _OpenFrame,
+        recognition: PipeSegment | None,
+        no_answer_reason: str,
+        start: float,
+    ) -> TrackedFrame:
         reason = no_answer_reason if recognition is None else PIPE_NOT_FOUND
         if recognition is not None and recognition.found:
             accepted: PipeSegment | None = recognition

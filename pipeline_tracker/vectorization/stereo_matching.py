@@ -5,7 +5,7 @@ Points are chosen without any prediction, so a pair gives the same matches whate
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pipeline_tracker.vectorization.coarse_disparity import (
     coarse_side,
 )
 from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
+from pipeline_tracker.vectorization.row_offset import row_offset
 from pipeline_tracker.vectorization.segments import shrink
 from pipeline_tracker.workspace import Workspace
 
@@ -215,6 +216,14 @@ def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     return _match(levels, patch_weights(), points)
 
 
+def _on_rows(right: Image, apart: int) -> dict[str, Any]:
+    """Return the right image's levels, for a pair whose rows are apart, on the rows of the left."""
+    places = np.clip(np.arange(len(right)) + apart, 0, len(right) - 1)
+    moved = right[places]
+    half = np.ascontiguousarray(shrink(moved, 2))
+    return {"right": smoothed(moved, np.empty(moved.shape, np.float32)), "half_right": half}
+
+
 def match_pair(
     left: Image,
     right: Image,
@@ -225,6 +234,8 @@ def match_pair(
     factor: int = 1,
 ) -> Float32Array:
     """Match a rectified pair on a fixed grid and along the longer segments.
+
+    Where the rows of the pair do not agree, ``y_right`` is off ``y_left`` by as much.
 
     Args:
         left, right: (H, W) uint8.
@@ -244,9 +255,13 @@ def match_pair(
     grid = chosen_points(levels.coarse, width, height, spacing)
     along = segment_points(segments, 2 * spacing)
     points = np.concatenate((grid, along))
+    apart = row_offset(levels.half_left, levels.half_right, levels.coarse, levels.side, points)
+    if round(apart):
+        levels = levels._replace(**_on_rows(right, round(apart)))
     if unseen.left is not None:
         points = points[~unseen.left.near(points, factor, _PATCH_REACH)]
     found = match_points(levels, points)
+    found[:, 3] += np.float32(apart)
     if len(found) < _LEAST_MATCHED * len(points):
         return found[:0]
     if unseen.right is not None:

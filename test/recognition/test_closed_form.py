@@ -13,6 +13,7 @@ from synthetic_world import DOWN, EXACT, LEFT, MONO, RIG, TILTED, Diver, Look, W
 
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.recognition import closed_form
 from pipeline_tracker.recognition.closed_form import (
     _direction_of_contour,
     contour_line,
@@ -23,6 +24,13 @@ from pipeline_tracker.surface import SurfacePoints, triangulate
 Array = NDArray[np.float64]
 
 GOOD = Look(spacing=40)
+
+
+@pytest.fixture(autouse=True)
+def _edges_on_contours(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """The edges of these pictures are on the contours, where real ones are a little outside."""
+    if "outside" not in request.node.name:
+        monkeypatch.setattr(closed_form, "EDGE_OUTSIDE", 0.0)
 
 
 def known(diver: Diver, pose: Pose) -> Axis:
@@ -77,6 +85,20 @@ def test_a_contour_is_fitted_to_the_segments_along_it(heading: float, number: in
         ends = middle + np.array([[-300.0], [300.0]]) * along
         # 0.4 px at each end of about eight segments.
         assert np.abs(ends @ found[:2] + found[2]).max() < 1.0
+
+
+def test_edges_outside_of_the_contour_are_moved_in() -> None:
+    diver = Diver(World.with_pipe(heading=0.3), look=EXACT)
+    axis = known(diver, level_pose())
+    frame = diver.frame(level_pose())
+    middle = LEFT.project(axis.point)
+    for side in (-1, 1):
+        line = contour_line(frame.left_segments, LEFT, axis, 0.3, side)
+        true = outline_lines(Cylinder(axis.point, axis.direction, 0.3), LEFT)[int(side > 0)]
+        assert line is not None
+        # Nearer to the middle of the pipe by the offset, on either side.
+        gaps = [abs(float(entry[:2] @ middle + entry[2])) for entry in (line, true)]
+        assert gaps[1] - gaps[0] == pytest.approx(closed_form.EDGE_OUTSIDE, abs=0.05)
 
 
 def test_too_little_of_a_contour_is_none() -> None:
