@@ -132,7 +132,8 @@ class Manifest(_Model):
 def find_manifest(name: Path) -> Path:
     """Return the file of a manifest: a path, or the name of one that comes with the package."""
     known = {file.stem: file for file in sorted((config_directory() / "benchmarks").glob("*.yaml"))}
-    if name.exists() or str(name) not in known:
+    # A directory of that name may be what the benchmark wrote here before.
+    if name.is_file() or str(name) not in known:
         return name
     return known[str(name)]
 

@@ -104,7 +104,15 @@ def test_huge_file(tmp_path: Path) -> None:
         read_manifest(path)
 
 
-@pytest.mark.parametrize("name", ["all", "techniques"])
+def test_a_directory_does_not_hide_a_manifest_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("all").mkdir()
+    assert read_manifest(find_manifest(Path("all"))).runs
+
+
+@pytest.mark.parametrize("name", ["all", "seeds", "techniques"])
 def test_those_that_come_with_the_package(name: str) -> None:
     path = find_manifest(Path(name))
     plan = make_plan(read_manifest(path), path)
