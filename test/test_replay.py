@@ -117,7 +117,7 @@ def test_rows_are_as_promised(run: Run) -> None:
     assert header == (
         "stamp_ns,state,valid,reason,mode,technique,support,start_x,start_y,start_z,end_x,end_y,"
         "end_z,heading_misalignment,pitch_misalignment,min_distance,approach_speed,lateral_offset,"
-        "side,upper_x,upper_y,upper_z,chainage,processing_ms"
+        "side,upper_x,upper_y,upper_z,chainage,bed_left,bed_right,processing_ms"
     )
     assert ",".join(COLUMNS) == header
     first, second, *_ = done.rows

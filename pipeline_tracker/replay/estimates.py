@@ -37,6 +37,8 @@ COLUMNS = (
     "upper_y",
     "upper_z",
     "chainage",
+    "bed_left",
+    "bed_right",
     "processing_ms",
 )
 
@@ -53,6 +55,7 @@ def estimate_row(
     *,
     has_pose: bool,
     processing_ms: float,
+    bed: tuple[float | None, float | None] = (None, None),
 ) -> dict[str, str]:
     """Return the row of a processed frame; what is undefined is left out (an empty cell).
 
@@ -60,6 +63,8 @@ def estimate_row(
         status, segment, state: what the pipeline said; points in base_link, m, angles in rad.
         has_pose: whether the frame had a pose; without one there is no chainage.
         processing_ms: images in to relative state out.
+        bed: height of the axis above the bed beside the pipe, left and right along the segment, m;
+            None where not known.
     """
     row = {
         "stamp_ns": str(status.stamp_ns),
@@ -92,6 +97,8 @@ def estimate_row(
     if np.any(state.upper_point):
         x, y, z = (float(v) for v in state.upper_point)
         numbers.update(upper_x=x, upper_y=y, upper_z=z)
+    beside = zip(("bed_left", "bed_right"), bed, strict=True)
+    numbers.update({name: height for name, height in beside if height is not None})
     row.update({name: _number(value) for name, value in numbers.items()})
     return row
 

@@ -28,6 +28,7 @@ from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
 from pipeline_tracker.replay.progress import ReplayProgress
 from pipeline_tracker.replay.result_bag import ResultBag
 from pipeline_tracker.replay.summary import ReplaySummary
+from pipeline_tracker.report.bed import bed_beside
 from pipeline_tracker.report.overlay import OverlayKeeper
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
@@ -213,7 +214,12 @@ class _Run:
         )
         spent = 1e3 * (time.perf_counter() - start)
         status, segment, state = done.tracked.status, done.tracked.segment, done.relative_state
-        row = estimate_row(status, segment, state, has_pose=pose is not None, processing_ms=spent)
+        bed: tuple[float | None, float | None] = (None, None)
+        if state.valid and segment is not None:
+            bed = bed_beside(done.vectorized, segment, self._source.mounting, pose)
+        row = estimate_row(
+            status, segment, state, has_pose=pose is not None, processing_ms=spent, bed=bed
+        )
         table.write(frame.epoch, row)
         self.summary.add(row, has_pose=pose is not None)
         self.summary.add_watched(done.tracked.overlap, done.tracked.warnings)
