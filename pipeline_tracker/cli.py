@@ -215,6 +215,18 @@ def evaluate(
 
 
 @app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    truth: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--truth", metavar="BAG", help="Bag with the truth, to show the errors."),
+    ] = None,
+) -> Task:
+    """Write DIR/report.html again: one page that needs neither network nor other files."""
+    return partial(_report, directory, truth)
+
+
+@app.command()
 def benchmark(
     manifest: Annotated[
         Path, typer.Argument(metavar="MANIFEST", help="YAML file: scenarios x seeds x settings.")
@@ -475,6 +487,21 @@ def _evaluate(directory: Path, truth: Path, *, plots: bool) -> int:
 
     evaluate_command(directory, truth, plots=plots)
     return DONE
+
+
+def _report(directory: Path, truth: Path | None) -> int:
+    from pipeline_tracker.errors import BagError
+    from pipeline_tracker.report.write import write_report
+
+    evaluation = None
+    if truth is not None:
+        from pipeline_tracker.evaluation import evaluate
+
+        evaluation = evaluate(directory, truth)
+    try:
+        return _say(f"written to {write_report(directory, evaluation)}")
+    except OSError as error:
+        raise BagError(f"{directory}: cannot be written ({error.strerror or error})") from None
 
 
 def _print_schema() -> int:

@@ -29,7 +29,10 @@ from pipeline_tracker.replay.progress import ReplayProgress
 from pipeline_tracker.replay.result_bag import ResultBag
 from pipeline_tracker.replay.summary import ReplaySummary
 from pipeline_tracker.report.bed import bed_beside
+from pipeline_tracker.report.facts import RunFacts, write_facts
+from pipeline_tracker.report.filmstrip import DIRECTORY, FilmStrip, pictures
 from pipeline_tracker.report.overlay import OverlayKeeper
+from pipeline_tracker.report.write import write_report
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
 from pipeline_tracker.types import Image
@@ -40,6 +43,8 @@ OUR_FILES = (
     "result",
     "overlay_best.png",
     "overlay_middle.png",
+    "report.html",
+    "run.json",
     # What `evaluate` says of an earlier replay is not true of this one.
     "evaluation.json",
     "evaluation_errors.png",
@@ -125,7 +130,12 @@ def replay(
         run = _Run(source, output, make_pipeline or Pipeline)
         with _writing(output):
             _prepare(output, bag, source.settings)
-        run.go(stream or sys.stdout)
+        try:
+            run.go(stream or sys.stdout)
+        except BagError as error:
+            run.report(bag, damage=str(error))
+            raise
+        run.report(bag)
         has_truth = "/ground_truth/pose" in reader.topics
     return ReplayOutcome(output, run.summary, run.in_words(bag, has_truth=has_truth))
 
@@ -160,6 +170,7 @@ class _Run:
         self._settings = settings
         self._pipeline = make(settings, source.mounting, settings.recognition.only)
         self._overlay = OverlayKeeper(source.mounting, source.frame_count)
+        self._strip = FilmStrip(output / DIRECTORY, source.mounting, source.frame_count)
         self._pictures: list[Path] = []
 
     def go(self, stream: TextIO) -> None:
@@ -189,7 +200,23 @@ class _Run:
                 ) from None
             finally:
                 self.summary.seconds = time.monotonic() - start
+                self._strip.finish()
                 self._pictures = self._overlay.write(self._output)
+
+    def report(self, bag: Path, *, damage: str = "") -> None:
+        """Say how it went, and write the report on all that is there."""
+        facts = RunFacts(
+            version=__version__,
+            bag=bag.resolve().name,
+            frames_expected=self._source.frame_count,
+            interrupted=self.summary.interrupted,
+            damage=damage,
+            seconds=self.summary.seconds,
+            notes=self.summary.notes(self._settings, self._source.counts),
+        )
+        with _writing(self._output):
+            write_facts(self._output, facts)
+            write_report(self._output)
 
     def in_words(self, bag: Path, *, has_truth: bool) -> str:
         return self.summary.in_words(
@@ -231,6 +258,7 @@ class _Run:
         )
         result.write(frame, done.vectorized, done.recognition, status, segment, state, pose)
         self._overlay.take(frame.left, frame.right, done)
+        self._strip.take(frame.left, done)
 
 
 def _prepare(output: Path, bag: Path, settings: Settings) -> None:
@@ -241,6 +269,9 @@ def _prepare(output: Path, bag: Path, settings: Settings) -> None:
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
+    # Somebody's own pictures may be beside those of an earlier replay.
+    for path in pictures(output).values():
+        path.unlink()
     comment = (
         f"pipeline_tracker {__version__}, replay of {bag.resolve().name}\n"
         "The same again: pipeline-tracker replay BAG --config THIS_FILE"

@@ -9,6 +9,7 @@ from statistics import median
 
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS
 from pipeline_tracker.replay.input import InputCounts
+from pipeline_tracker.report.reasons import count, in_words
 from pipeline_tracker.settings import Settings
 
 # So many stretches without the pipe, and reasons, are told one by one.
@@ -16,16 +17,6 @@ _SHOWN = 5
 _MOST_REASONS = 50
 # Medians are those of the last frames: memory does not grow with the bag.
 _TIMED = 1000
-_IN_WORDS = {
-    "no_right_image": "no right image within sync.tolerance",
-    "no_left_image": "no left image within sync.tolerance",
-    "late": "came too late for its partner",
-    "repeated": "the stamp was there before",
-    "queue_full": "no right image, and too many left ones waited (sync.queue)",
-    "pipe_not_found": "no pipe was found in the pictures",
-    "no_pose": "without a pose",
-    "no_pose, pipe_not_found": "no pipe was found in the pictures (nor was there a pose)",
-}
 
 
 @dataclass
@@ -137,26 +128,32 @@ class ReplaySummary:
         lines = [self._headline(bag)]
         lines += [f"  {line}" for line in self._about_states()]
         lines += [f"  {line}" for line in self._about_times()]
-        lines += [f"  warning: {line}" for line in self.warnings]
         lines += [f"  {line}" for line in self._about_stretches()]
-        lines += [f"  {line}" for line in self._about_poses(settings, counts)]
-        lines += [f"  {line}" for line in _about_echoes(settings, counts)]
-        lines += [f"  {line}" for line in _about_input(counts)]
+        lines += [f"  {line}" for line in self.notes(settings, counts)]
         lines.append(f"Written to {output}: estimates.csv (one row for each left image),")
         names = ", ".join(picture.name for picture in pictures)
         lines.append(
-            "  result/ (open it in Foxglove or with `ros2 bag`), settings.yaml (this run again)"
-            + (f", {names}" if names else "")
+            "  report.html (open it in a browser), result/ (for Foxglove or `ros2 bag`), "
+            "settings.yaml (this run again)" + (f", {names}" if names else "")
         )
         lines.append(f"Next: {self._next(bag, output, pictures, has_truth=has_truth)}")
         return "\n".join(lines)
+
+    def notes(self, settings: Settings, counts: InputCounts) -> list[str]:
+        """Return what else is to be known: warnings, poses, echoes, images that were not used."""
+        return [
+            *(f"warning: {line}" for line in self.warnings),
+            *self._about_poses(settings, counts),
+            *_about_echoes(settings, counts),
+            *_about_input(counts),
+        ]
 
     def _headline(self, bag: Path) -> str:
         share = 100.0 * self.valid / self.frames if self.frames else 0.0
         rate = self.frames / self.seconds if self.seconds > 0 else 0.0
         begun = "interrupted after " if self.interrupted else ""
         return (
-            f"{bag.name or bag}: {begun}{_count(self.frames, 'frame')}, pipe found in {self.valid} "
+            f"{bag.name or bag}: {begun}{count(self.frames, 'frame')}, pipe found in {self.valid} "
             f"({share:.0f} %), {self.seconds:.1f} s, {rate:.1f} frames/s"
         )
 
@@ -202,12 +199,12 @@ class ReplaySummary:
                 else f"frames {stretch.first} to {stretch.last} ({start:.1f} to {end:.1f} s)"
             )
             why = "; ".join(
-                _reason(reason) + (f" ({n})" if len(stretch.reasons) > 1 else "")
+                in_words(reason) + (f" ({n})" if len(stretch.reasons) > 1 else "")
                 for reason, n in stretch.reasons.most_common(3)
             )
             lines.append(f"not found in {where}: {why}")
         if self.further_stretches:
-            lines.append(f"and in {_count(self.further_stretches, 'further stretch', 'es')}")
+            lines.append(f"and in {count(self.further_stretches, 'further stretch', 'es')}")
         return lines
 
     def _about_poses(self, settings: Settings, counts: InputCounts) -> list[str]:
@@ -229,7 +226,7 @@ class ReplaySummary:
             )
         else:
             line = (
-                f"{_count(self.without_pose, 'frame')} had no pose of {topic} and stood alone: "
+                f"{count(self.without_pose, 'frame')} had no pose of {topic} and stood alone: "
                 f"the poses leave gaps beyond pose.max_gap={settings.pose.max_gap:g} s, or begin "
                 "late or end early"
             )
@@ -259,29 +256,19 @@ def _about_echoes(settings: Settings, counts: InputCounts) -> list[str]:
     if not counts.pings:
         why = "the distance is known by the width of the pipe alone"
         return [f"the bag has no echo sounder (altimeter/range): {why}"]
-    return [f"echo sounder: {counts.echoes} of {_count(counts.pings, 'ping')} with an echo"]
+    return [f"echo sounder: {counts.echoes} of {count(counts.pings, 'ping')} with an echo"]
 
 
 def _about_input(counts: InputCounts) -> list[str]:
     lines = []
     if counts.alone:
-        why = ", ".join(f"{n} {_reason(reason)}" for reason, n in counts.alone.most_common())
-        lines.append(f"{_count(sum(counts.alone.values()), 'image')} without a partner: {why}")
+        why = ", ".join(f"{n} {in_words(reason)}" for reason, n in counts.alone.most_common())
+        lines.append(f"{count(sum(counts.alone.values()), 'image')} without a partner: {why}")
     if counts.unused_poses:
         why = ", ".join(f"{n} {reason}" for reason, n in counts.unused_poses.most_common())
         if counts.first_invalid_pose:
             why += f" (the first: {counts.first_invalid_pose})"
-        lines.append(f"{_count(sum(counts.unused_poses.values()), 'pose')} not used: {why}")
+        lines.append(f"{count(sum(counts.unused_poses.values()), 'pose')} not used: {why}")
     for topic, n in counts.unreadable.most_common(_SHOWN):
-        lines.append(f"{_count(n, 'message')} of {topic} could not be read")
+        lines.append(f"{count(n, 'message')} of {topic} could not be read")
     return lines
-
-
-def _reason(reason: str) -> str:
-    if reason in _IN_WORDS:
-        return _IN_WORDS[reason]
-    return ", ".join(_IN_WORDS.get(part, part.replace("_", " ")) for part in reason.split(", "))
-
-
-def _count(number: int, what: str, plural: str = "s") -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}{plural}"

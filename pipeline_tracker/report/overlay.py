@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult
-from pipeline_tracker.types import Contours, Image, PipeSegment, State
+from pipeline_tracker.types import Contours, Float32Array, Image, PipeSegment, State
 
 Picture = NDArray[np.uint8]
 _Colour = tuple[int, int, int]
@@ -102,21 +102,13 @@ def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting
         one), the axis piece with an arrow ahead, and the numbers.
     """
     rig, segment = result.vectorized.rig, result.tracked.segment
-    panels = []
     images = [(left, rig.left, result.vectorized.left_segments)]
     if right is not None and rig.right is not None:
         images.append((right, rig.right, result.vectorized.right_segments))
-    for number, (image, camera, segments) in enumerate(images):
-        panel: Picture = np.asarray(
-            cv2.cvtColor(_stretched(image), cv2.COLOR_GRAY2BGR), dtype=np.uint8
-        )
-        width = max(1, round(camera.width / 600))
-        for x1, y1, x2, y2 in np.asarray(segments, dtype=np.float64):
-            _line(panel, (x1, y1), (x2, y2), _SEGMENTS, 1)
-        if segment is not None and segment.found:
-            _draw_contours(panel, segment, number, 2 * width)
-            _draw_axis(panel, segment, camera, mounting, 2 * width)
-        panels.append(panel)
+    panels = [
+        draw_panel(image, camera, segment, mounting, number=number, lines=lines)
+        for number, (image, camera, lines) in enumerate(images)
+    ]
     _write_numbers(panels[0], result)
     joined: Picture = np.hstack(panels)
     if joined.shape[1] > _MAX_WIDTH:
@@ -124,6 +116,38 @@ def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting
         small = cv2.resize(joined, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         joined = np.asarray(small, dtype=np.uint8)
     return joined
+
+
+def draw_panel(
+    image: Image,
+    camera: Camera,
+    segment: PipeSegment | None,
+    mounting: Pose,
+    *,
+    number: int = 0,
+    lines: Float32Array | None = None,
+) -> Picture:
+    """Draw what was found on one image, without words.
+
+    Args:
+        image: (H, W) uint8.
+        camera: its camera.
+        segment: the pipe in base_link; None where there is none.
+        mounting: base_link <- left optical frame.
+        number: 0 for the left image, 1 for the right one.
+        lines: (N, 4) float32, x1 y1 x2 y2 px: all segments, drawn thin; None: left out.
+
+    Returns:
+        (H, W, 3) uint8, blue green red; see ``draw_overlay``.
+    """
+    panel: Picture = np.asarray(cv2.cvtColor(_stretched(image), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    width = 2 * max(1, round(camera.width / 600))
+    for x1, y1, x2, y2 in () if lines is None else lines.astype(np.float64):
+        _line(panel, (x1, y1), (x2, y2), _SEGMENTS, 1)
+    if segment is not None and segment.found:
+        _draw_contours(panel, segment, number, width)
+        _draw_axis(panel, segment, camera, mounting, width)
+    return panel
 
 
 def _stretched(image: Image) -> Image:
