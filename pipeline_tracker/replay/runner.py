@@ -276,7 +276,10 @@ def _prepare(output: Path, bag: Path, settings: Settings) -> None:
         f"pipeline_tracker {__version__}, replay of {bag.resolve().name}\n"
         "The same again: pipeline-tracker replay BAG --config THIS_FILE"
     )
-    (output / "settings.yaml").write_text(dump_settings(settings, comment), encoding="utf-8")
+    # The bag's name may hold bytes that are no text.
+    (output / "settings.yaml").write_text(
+        dump_settings(settings, comment), encoding="utf-8", errors="replace"
+    )
 
 
 def _then(frames: Iterator[Frame], rest: Callable[[], Iterator[Frame]]) -> Iterator[Frame]:

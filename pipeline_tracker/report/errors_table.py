@@ -26,7 +26,7 @@ def add_errors(main: ET.Element, evaluation: Evaluation) -> None:
         add(section, "p", sentence)
     add(section, "div", id="errorlines", class_="plot", role="img",
         aria_label="Errors over time")  # fmt: skip
-    heads = ["frames", "number", "horizontal, cm", "vertical, cm", "total, cm", "in 95 % region"]
+    heads = ["group", "frames", "horizontal, cm", "vertical, cm", "total, cm", "in 95 % region"]
     groups = [_group(name, figures) for name, figures in evaluation.groups.items()]
     add(section, "h3", "Distance of the segment's ends from the true axis, sum of both")
     add_table(section, "Divergence", heads, groups)

@@ -107,7 +107,8 @@ def pictures(directory: Path) -> dict[int, Path]:
         directory: output of a replay.
     """
     found = (directory / DIRECTORY).glob("*.jpg")
-    return {int(path.stem): path for path in sorted(found) if path.stem.lstrip("-").isdecimal()}
+    stamped = {int(path.stem): path for path in found if path.stem.lstrip("-").isdecimal()}
+    return dict(sorted(stamped.items()))
 
 
 def _encoded(picture: Picture, room: int) -> bytes:

@@ -154,18 +154,20 @@
     return Object.assign({
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: narrow() ? 11 : 12.5, color: p.soft },
-      margin: { l: narrow() ? 48 : 62, r: 10, t: 30, b: 40 },
+      margin: { l: narrow() ? 48 : 62, r: 10, t: 30, b: narrow() ? 132 : 84 },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: faint(p.soft, 0.7), activecolor: p.blue },
       // A finger on a plot scrolls the page; the buttons zoom.
       dragmode: touch ? false : "zoom",
       hoverlabel: { bgcolor: p.paper, bordercolor: p.line, font: { color: p.ink } },
-      legend: { orientation: "h", x: 0, y: -0.14, yanchor: "top" },
+      legend: Object.assign({ orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" },
+        narrow() ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
       uirevision: "kept",
     }, more);
   }
 
   function axis(p, title, more) {
-    return Object.assign({ title: { text: title, standoff: 6 }, gridcolor: p.line,
-      zerolinecolor: p.line, linecolor: p.line, tickcolor: p.line, automargin: true }, more);
+    return Object.assign({ title: { text: title, standoff: 8, font: { size: narrow() ? 11 : 12.5 } },
+      gridcolor: p.line, zerolinecolor: p.line, linecolor: p.line, tickcolor: p.line }, more);
   }
 
   const span = (first, last) => Array.from({ length: Math.max(0, last - first + 1) },
@@ -216,6 +218,7 @@
     constructor(id, bands) {
       this.box = byId(id);
       this.bands = bands;
+      this.legend = bands.some((band) => band.lines.some((what) => what.legend));
       this.range = null;
     }
 
@@ -241,7 +244,7 @@
           anchor: this.bands.length > 1 ? `y${this.bands.length}` : "y", zeroline: false }) };
       if (!this.range) { grid.xaxis.range = padded(c.t); }
       return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes,
-        { margin: { l: narrow() ? 52 : 70, r: 10, t: 30, b: 44 } })), config());
+        { margin: { l: narrow() ? 60 : 76, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
     }
 
     add(traces, what, yaxis, first, last) {
@@ -400,13 +403,13 @@
     ];
     if (carried.includes(true)) {
       traces.push(line(pick(only(c.pipeX, carried), kept), pick(only(c.pipeY, carried), kept), kept,
-        { name: "axis carried on by the pose", mode: "markers", hovertemplate: hover("coasting"),
+        { name: "axis, coasting", mode: "markers", hovertemplate: hover("coasting"),
           marker: { size: 6, symbol: "x-thin", line: { color: p.soft, width: 1.5 } },
           showlegend: true }));
     }
     if (lostPath.includes(true)) {
       traces.push(line(pick(only(c.ownX, lost), kept), pick(only(c.ownY, lost), kept), kept,
-        { name: "vehicle, pipe not seen", mode: "lines", showlegend: true,
+        { name: "vehicle, pipe lost", mode: "lines", showlegend: true,
           line: { color: p.red, width: 3, dash: "dot" }, hovertemplate: hover("not valid") }));
     }
     const within = (v, range) => v !== null && v >= Math.min(...range) && v <= Math.max(...range);

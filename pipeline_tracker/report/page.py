@@ -144,8 +144,8 @@ def _frames(main: ET.Element, record: Record) -> None:
         section,
         "p",
         "A click chooses a frame, the arrow keys step from picture to picture, with Shift from "
-        "frame to frame. Shaded: not valid (hatched edge: coasting on the pose alone). "
-        "Drag to zoom, double-click to go back.",
+        "frame to frame. Shaded: not valid (lighter, with a dotted edge: carried on by the "
+        "pose alone); bands and ±: 95 %. Drag to zoom, double-click to go back.",
         class_="hint",
     )
     both = add(section, "div", class_="both")
@@ -265,17 +265,16 @@ def _stretch(body: ET.Element, record: Record, stretch: Stretch) -> None:
     add(row, "td", stretch.course.value)
     add(row, "td", stretch.lie.value if followed else "")
     add(row, "td", _metres(stretch.clearance, 2, sign=True), class_="number")
-    sides = [stretch.bed_left, stretch.bed_right]
-    above = " / ".join(_metres(side, 2) or "?" for side in sides) if any(
-        side is not None for side in sides
-    ) else ""  # fmt: skip
+    sides = (stretch.bed_left, stretch.bed_right)
+    above = " / ".join("?" if side is None else f"{round(side, 2) + 0.0:.2f}" for side in sides)
+    above = "" if sides == (None, None) else f"{above} m"
     add(row, "td", above, class_="number")
     start, end = (seconds_of(record, ns) for ns in (stretch.start_ns, stretch.end_ns))
     cell = add(row, "td", class_="number")
     times = f"{start:.1f} s" if start == end else f"{start:.1f} to {end:.1f} s"
     add(cell, "button", times, type="button", class_="link", data_row=str(stretch.first))
     add(row, "td", str(stretch.frames), class_="number")
-    add(row, "td", "" if followed else words.why(stretch))
+    add(row, "td", "" if followed else words.why(stretch), class_="why")
 
 
 def _metres(value: float | None, decimals: int, *, sign: bool = False) -> str:

@@ -26,8 +26,8 @@ def summary(record: Record) -> list[str]:
         return ["No frame was processed.", *_about_end(record)]
     return [
         _how_much(record),
-        *_how_well(record),
         *_where_lost(record),
+        *_how_well(record),
         *_how_it_lies(record),
         *_about_mode(record),
         *_about_end(record),
@@ -99,16 +99,23 @@ def _where_lost(record: Record) -> list[str]:
     """Say where the pipe was not followed, the longest stretches first."""
     if not any(row["valid"] == "1" for row in record.rows):
         return _why_never(record)
-    gaps = _gaps(record.stretches)
+    said, gaps = [], _gaps(record.stretches)
+    if gaps and gaps[0][0].first == 0:
+        gap = gaps.pop(0)
+        found = gap[-1].last + 1
+        time = seconds_of(record, int(record.rows[found]["stamp_ns"]))
+        said.append(f"It was found in frame {found + 1} ({time:.1f} s), not before{_told(gap)}.")
     if not gaps:
-        return ["It was never lost."]
+        return [*said, "It was never lost after that." if said else "It was never lost."]
     longest = sorted(gaps, key=lambda gap: -sum(s.frames for s in gap))
-    told = sorted(longest[:_TOLD], key=lambda gap: gap[0].first)
+    shown = sorted(longest[:_TOLD], key=lambda gap: gap[0].first)
     frames = sum(s.frames for gap in gaps for s in gap)
-    text = f"It was not followed in {count(frames, 'frame')}, {count(len(gaps), 'time')}: "
+    text = "It was lost once"
+    if len(gaps) > 1:
+        text = f"It was lost {len(gaps)} times, for {count(frames, 'frame')} in all"
     if len(gaps) > _TOLD:
-        text = text[:-2] + f"; the {_TOLD} longest: "
-    return [text + "; ".join(_gap(record, gap) for gap in told) + "."]
+        text += f"; the {_TOLD} longest"
+    return [*said, f"{text}: {'; '.join(_gap(record, gap) for gap in shown)}."]
 
 
 def _why_never(record: Record) -> list[str]:
@@ -147,11 +154,15 @@ def _gap(record: Record, gap: Sequence[Stretch]) -> str:
     if start is not None and end is not None:
         over.append(f"{abs(end - start):.1f} m")
     text += f", for {', '.join(over)}"
+    return text + _told(gap)
+
+
+def _told(gap: Sequence[Stretch]) -> str:
     reasons: Counter[str] = Counter()
     for stretch in gap:
         reasons.update(dict(stretch.reasons))
     told = "; ".join(in_words(reason) for reason, _ in reasons.most_common(2))
-    return text + (f" ({told})" if told else "")
+    return f" ({told})" if told else ""
 
 
 def _how_it_lies(record: Record) -> list[str]:
