@@ -31,8 +31,21 @@ PYTHON
         "${sudo[@]}" apt-get update -qq
         "${sudo[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}"
     fi
+    prepare_browser
     python3 -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
         fail "$(command -v python3) is $(python3 --version), expected 3.10 or newer; put a newer python3 on PATH"
+}
+
+# Installs the browser that the report is tested in; where there is none, these tests are skipped.
+prepare_browser() {
+    command -v chromedriver >/dev/null && return
+    command -v apt-get >/dev/null || { say "no chromedriver: no tests in a browser"; return; }
+    local sudo=()
+    [ "$(id -u)" -eq 0 ] || sudo=(sudo)
+    say "installing chromium chromium-driver"
+    { "${sudo[@]}" apt-get update -qq &&
+        "${sudo[@]}" apt-get install -y -qq --no-install-recommends chromium chromium-driver; } ||
+        say "chromium cannot be installed: no tests in a browser"
 }
 
 # Copies what git would commit, tracked files and new ones that are not ignored, to $work.
