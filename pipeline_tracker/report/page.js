@@ -144,7 +144,7 @@
 
   function config() {
     const touch = window.matchMedia("(pointer: coarse)").matches;
-    return { displaylogo: false, responsive: true, showTips: false,
+    return { displaylogo: false, responsive: true, showTips: false, doubleClick: "reset+autosize",
       displayModeBar: touch ? true : "hover",
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
   }
@@ -161,7 +161,6 @@
       hoverlabel: { bgcolor: p.paper, bordercolor: p.line, font: { color: p.ink } },
       legend: Object.assign({ orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" },
         narrow() ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
-      uirevision: "kept",
     }, more);
   }
 
@@ -234,7 +233,7 @@
         const key = place ? String(place + 1) : "";
         const height = band.share / this.bands.reduce((sum, b) => sum + b.share, 0);
         axes[`yaxis${key}`] = axis(this.p, band.title, Object.assign(
-          { domain: [Math.max(0, top - height + 0.028), top], nticks: 5, fixedrange: narrow() },
+          { domain: [Math.max(0, top - height + 0.028), top], nticks: 5, fixedrange: true },
           band.axis));
         top -= height;
         for (const what of band.lines) { this.add(traces, what, `y${key}`, first, last); }
@@ -242,7 +241,7 @@
       const grid = { shapes: this.shapes(), hovermode: "x", hoverdistance: -1,
         xaxis: axis(this.p, "time since the first frame, s", {
           anchor: this.bands.length > 1 ? `y${this.bands.length}` : "y", zeroline: false }) };
-      if (!this.range) { grid.xaxis.range = padded(c.t); }
+      grid.xaxis.range = this.range ? [...this.range] : padded(c.t);
       return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes,
         { margin: { l: narrow() ? 60 : 76, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
     }
@@ -289,12 +288,31 @@
 
     mark() { Plotly.relayout(this.box, { shapes: this.shapes() }); }
 
+    // The row of the drawn point that was clicked: of many in one column of pixels the nearest one,
+    // so that a click on the tip of a dip is one on the dip.
+    clicked(event) {
+      const mouse = event.event.changedTouches ? event.event.changedTouches[0] : event.event;
+      const corner = this.box.getBoundingClientRect();
+      let best = event.points[0].customdata, least = Infinity;
+      for (const { data: trace, xaxis, yaxis } of event.points) {
+        const x = mouse.clientX - corner.left - xaxis._offset;
+        const y = mouse.clientY - corner.top - yaxis._offset;
+        trace.x.forEach((value, k) => {
+          const aside = xaxis.d2p(value) - x;
+          if (trace.y[k] === null || !(Math.abs(aside) < 6)) { return; }
+          const off = Math.hypot(aside, yaxis.d2p(trace.y[k]) - y);
+          if (off < least) { least = off; best = trace.customdata[k]; }
+        });
+      }
+      return best;
+    }
+
     listen() {
-      this.box.on("plotly_click", (event) => choose(event.points[0].customdata));
+      this.box.on("plotly_click", (event) => choose(this.clicked(event)));
       this.box.on("plotly_relayout", (event) => {
         const zoomed = event["xaxis.range[0]"] !== undefined || event["xaxis.range"];
-        if (zoomed) { this.range = this.box.layout.xaxis.range.map(Number); }
-        else if (event["xaxis.autorange"]) { this.range = null; }
+        if (event["xaxis.autorange"]) { this.range = null; }
+        else if (zoomed) { this.range = this.box.layout.xaxis.range.map(Number); }
         else { return; }
         this.draw();
       });
@@ -313,6 +331,7 @@
       this.box = byId(id);
       this.make = make;
       this.rows = [0, rows - 1];
+      this.ranges = null;
     }
 
     draw() {
@@ -324,6 +343,10 @@
         name: "chosen frame", hoverinfo: "skip", marker: { size: [11, 11], color: p.red,
           symbol: ["circle-open", "diamond-open"], line: { width: 2.5 } },
         line: { color: p.red, width: 1, dash: "dot" } }, made.spot())]);
+      if (this.ranges) {
+        made.layout.xaxis.range = this.ranges[0];
+        made.layout.yaxis.range = this.ranges[1];
+      }
       return Plotly.react(this.box, traces, layout(p, Object.assign({ hovermode: "closest" },
         made.layout)), config());
     }
@@ -337,10 +360,13 @@
       this.box.on("plotly_click", (event) => choose(event.points[0].customdata));
       this.box.on("plotly_relayout", (event) => {
         const keys = Object.keys(event);
-        if (keys.some((key) => key.endsWith("autorange"))) { this.rows = [0, rows - 1]; }
-        else if (keys.some((key) => key.startsWith("xaxis.range"))) {
+        if (keys.some((key) => key.endsWith("autorange"))) {
+          this.rows = [0, rows - 1];
+          this.ranges = null;
+        } else if (keys.some((key) => /^[xy]axis.range/.test(key))) {
           const { xaxis, yaxis } = this.box.layout;
-          this.rows = inView((k) => this.inside(k, xaxis.range, yaxis.range));
+          this.ranges = [[...xaxis.range], [...yaxis.range]];
+          this.rows = inView((k) => this.inside(k, ...this.ranges));
         } else { return; }
         this.draw();
       });
@@ -462,7 +488,7 @@
     const one = (title, name, unit, digits, colour, sigma) => ({ title, share: 1, lines: [{
       y: c[name], name, unit, digits, colour, sigma: sigma && c[sigma] }] });
     return [
-      { title: "", share: 0.75, axis: { tickvals: [0, 1, 2, 3], fixedrange: true,
+      { title: "", share: 0.75, axis: { tickvals: [0, 1, 2, 3],
         ticktext: ["not proc.", "searching", "coasting", "tracking"], range: [-0.4, 3.4] },
       lines: [{ y: c.state, name: "state", text: states, colour: "ink", step: true }] },
       { title: "quality", share: 1, axis: { rangemode: "tozero" }, lines: [{ y: c.quality,
