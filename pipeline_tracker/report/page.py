@@ -73,7 +73,7 @@ def page(record: Record, evaluation: Evaluation | None) -> str:
 @cache
 def _plotly() -> str:
     """Return the plotting library, packed: 2 MB instead of 5."""
-    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
 
 
 @cache
