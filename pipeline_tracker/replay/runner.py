@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TextIO
@@ -133,7 +133,9 @@ def replay(
         try:
             run.go(stream or sys.stdout)
         except BagError as error:
-            run.report(bag, damage=str(error))
+            # A disk that is full has no room for it either; the first error is the one to tell.
+            with suppress(PipelineTrackerError):
+                run.report(bag, damage=str(error))
             raise
         run.report(bag)
         has_truth = "/ground_truth/pose" in reader.topics
