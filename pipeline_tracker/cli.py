@@ -227,6 +227,45 @@ def report(
 
 
 @app.command()
+def overlay(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="FILE.mp4", help="Film to write; or a directory for PNG files."
+        ),
+    ] = None,
+    bag: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--bag", metavar="BAG", help="The replayed bag, where it was moved."),
+    ] = None,
+    every: Annotated[str, typer.Option("--every", metavar="N", help="Show one of N frames.")] = "1",
+    from_: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--from", metavar="S", help="Begin so many seconds after the first image."),
+    ] = None,
+    to: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--to", metavar="S", help="End so many seconds after the first image."),
+    ] = None,
+    rate: Annotated[
+        str, typer.Option("--rate", metavar="R", help="Pictures per second of the film.")
+    ] = "10",
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> Task:
+    """Draw what a replay has found on its images: a film, or PNG files."""
+    if output is None:
+        raise _UsageError("no --output given; name a film (FILE.mp4) or a directory for PNG files")
+    numbers = {
+        "every": int(_number("--every", every, int)),
+        "start": None if from_ is None else _number("--from", from_, float),
+        "end": None if to is None else _number("--to", to, float),
+        "rate": _number("--rate", rate, float),
+    }
+    return partial(_overlay, directory, output, bag, numbers, force=force)
+
+
+@app.command()
 def benchmark(
     manifest: Annotated[
         Path, typer.Argument(metavar="MANIFEST", help="YAML file: scenarios x seeds x settings.")
@@ -502,6 +541,15 @@ def _report(directory: Path, truth: Path | None) -> int:
         return _say(f"written to {write_report(directory, evaluation)}")
     except OSError as error:
         raise BagError(f"{directory}: cannot be written ({error.strerror or error})") from None
+
+
+def _overlay(
+    directory: Path, output: Path, bag: Path | None, numbers: dict[str, Any], *, force: bool
+) -> int:
+    from pipeline_tracker.replay.film import Cut, write_film
+
+    outcome = write_film(directory, output, Cut(**numbers), bag=bag, force=force)
+    return _say(outcome.in_words())
 
 
 def _print_schema() -> int:

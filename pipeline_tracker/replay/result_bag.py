@@ -15,6 +15,7 @@ from pipeline_tracker.bags.typestore import BagMessages
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.markers import Centerline, markers_message
 from pipeline_tracker.replay.input import Frame
+from pipeline_tracker.replay.results import BAG_KEY
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.types import (
     PipeSegment,
@@ -51,13 +52,14 @@ class ResultBag:
     It is closed whole even when an error ends the replay, so that it can be read.
     """
 
-    def __init__(self, path: Path, settings: Settings, left_frame: str) -> None:
+    def __init__(self, path: Path, settings: Settings, left_frame: str, bag: Path) -> None:
         """Remember what to write; ``__enter__`` creates the directory.
 
         Args:
             path: the bag's directory; it must not exist.
             settings: names of frames.
             left_frame: name of the left optical frame.
+            bag: what is replayed; named in the metadata.
         """
         self._factory = BagMessages()
         self._settings = settings
@@ -67,6 +69,7 @@ class ResultBag:
             path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
         )
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer.set_custom_data(BAG_KEY, str(bag.resolve()))
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> Self:

@@ -127,7 +127,7 @@ def replay(
         source = ReplayInput(reader, settings)
         if make_pipeline is None:
             warm_up(source.settings)
-        run = _Run(source, output, make_pipeline or Pipeline)
+        run = _Run(source, bag, output, make_pipeline or Pipeline)
         with _writing(output):
             _prepare(output, bag, source.settings)
         try:
@@ -164,9 +164,10 @@ def check_output(output: Path, bag: Path, *, force: bool) -> None:
 
 
 class _Run:
-    def __init__(self, source: ReplayInput, output: Path, make: PipelineMaker) -> None:
+    def __init__(self, source: ReplayInput, bag: Path, output: Path, make: PipelineMaker) -> None:
         self.summary = ReplaySummary()
         self._source = source
+        self._bag = bag
         self._output = output
         settings = source.settings
         self._settings = settings
@@ -182,7 +183,9 @@ class _Run:
         with (
             _writing(self._output),
             EstimatesFile(self._output / "estimates.csv") as table,
-            ResultBag(self._output / "result", self._settings, source.left_frame) as result,
+            ResultBag(
+                self._output / "result", self._settings, source.left_frame, self._bag
+            ) as result,
             ReplayProgress(source.frame_count, stream) as progress,
             _interrupt_between_frames() as interrupted,
         ):
