@@ -184,7 +184,11 @@ class _Run:
             _writing(self._output),
             EstimatesFile(self._output / "estimates.csv") as table,
             ResultBag(
-                self._output / "result", self._settings, source.left_frame, self._bag
+                self._output / "result",
+                self._settings,
+                source.left_frame,
+                source.mounting,
+                self._bag,
             ) as result,
             ReplayProgress(source.frame_count, stream) as progress,
             _interrupt_between_frames() as interrupted,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from numpy.typing import NDArray
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult
+from pipeline_tracker.report.caption import caption
 from pipeline_tracker.report.shapes import ContourShape, FrameShapes, frame_shapes, scaled
-from pipeline_tracker.types import Float32Array, Image, PipeSegment, State
+from pipeline_tracker.types import Float32Array, Image, PipeSegment
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -260,35 +260,11 @@ def _drawable(points: Array) -> bool:
     return bool(np.isfinite(points).all() and np.abs(points).max() < 1e5)
 
 
-def _numbers(result: FrameResult) -> list[str]:
-    status, state, segment = result.tracked.status, result.relative_state, result.tracked.segment
-    words = status.state.name.lower() + ("" if state.valid else ", not valid")
-    lines = [words + (f": {status.reason}" if status.reason else "")]
-    if status.state == State.SEARCHING or segment is None:
-        return lines
-    heading = math.degrees(state.heading_misalignment)
-    pitch = math.degrees(state.pitch_misalignment)
-    side = state.side.name.lower().replace("_", " ")
-    lines += [
-        f"distance {state.min_distance:.3f} m  support {status.support:.2f}",
-        f"heading {heading:+.1f} deg  pitch {pitch:+.1f} deg",
-        f"lateral {state.lateral_offset:+.3f} m  side: {side}",
-    ]
-    return lines + _sigmas(segment)
-
-
-def _sigmas(segment: PipeSegment) -> list[str]:
-    variances = np.diag(segment.covariance)
-    if not (np.isfinite(variances).all() and (variances > 0.0).all()):
-        return []
-    left, up, heading, _ = np.sqrt(variances)
-    offsets = f"left {1e3 * left:.1f} mm  up {1e3 * up:.1f} mm"
-    return [f"sigma: {offsets}  heading {math.degrees(heading):.2f} deg"]
-
-
 def _write_numbers(panel: Picture, result: FrameResult, title: str) -> None:
     scale = panel.shape[1] / 1200.0
-    lines = [title, *_numbers(result)] if title else _numbers(result)
+    lines = caption(result.tracked.status, result.tracked.segment, result.relative_state)
+    if title:
+        lines.insert(0, title)
     for number, line in enumerate(lines, start=1):
         _write(panel, line, round(12 * scale), number * (round(32 * scale) + 4), 0.9 * scale)
 
