@@ -266,6 +266,28 @@ def overlay(
 
 
 @app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    format_: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--format", metavar="csv|geojson", help="Tables, or a map."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="PATH", help="GeoJSON: file; CSV: directory. By default in DIR."
+        ),
+    ] = None,
+    settings: _Set = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> Task:
+    """Write centreline, stretches and events for other programs: CSV, or GeoJSON for maps."""
+    if format_ is None:
+        raise _UsageError("no --format given; expected csv or geojson")
+    return partial(_export, directory, format_, output, list(settings or []), force=force)
+
+
+@app.command()
 def benchmark(
     manifest: Annotated[
         Path, typer.Argument(metavar="MANIFEST", help="YAML file: scenarios x seeds x settings.")
@@ -550,6 +572,14 @@ def _overlay(
 
     outcome = write_film(directory, output, Cut(**numbers), bag=bag, force=force)
     return _say(outcome.in_words())
+
+
+def _export(
+    directory: Path, form: str, output: Path | None, overrides: list[str], *, force: bool
+) -> int:
+    from pipeline_tracker.export import export
+
+    return _say(export(directory, form, output, overrides, force=force).in_words())
 
 
 def _print_schema() -> int:

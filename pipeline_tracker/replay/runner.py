@@ -18,6 +18,7 @@ from pipeline_tracker import __version__
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.errors import BagError, PipelineTrackerError
+from pipeline_tracker.export.command import FILES
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
@@ -50,6 +51,8 @@ OUR_FILES = (
     "evaluation_errors.png",
     "evaluation_coverage.png",
     "evaluation_states.png",
+    # Nor what was exported of it.
+    *FILES,
 )
 
 
