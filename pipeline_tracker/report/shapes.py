@@ -81,16 +81,25 @@ def scaled(points: Array, scale: float) -> Array:
     return (points + 0.5) * scale - 0.5
 
 
-def frame_shapes(segment: PipeSegment, camera: Camera, image: int, mounting: Pose) -> FrameShapes:
+def frame_shapes(
+    segment: PipeSegment, camera: Camera, image: int, mounting: Pose | None
+) -> FrameShapes:
     """Return what is drawn of a segment in an image.
 
     Args:
         segment: found, or carried on by the pose.
         camera: the image's camera.
         image: 0 left, 1 right.
-        mounting: base_link <- left optical frame.
+        mounting: base_link <- left optical frame; None: not known, and so is all but the contours
+            that were seen.
     """
     seen = _seen(segment)
+    if mounting is None:
+        left, right = (
+            ContourShape(is_left, seen.get(bit), None, None)
+            for bit, is_left in zip(_BITS[image], (True, False), strict=True)
+        )
+        return FrameShapes((left, right), None)
     expected = _expected(segment, camera, mounting)
     left, right = (
         ContourShape(is_left, seen.get(bit), *side)
