@@ -102,6 +102,13 @@ def run(
     separate: Annotated[
         bool, typer.Option("--separate", help="One process for each node.")
     ] = False,
+    record: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--record", metavar="DIR", help="Record the results to a bag."),
+    ] = None,
+    record_images: Annotated[
+        bool, typer.Option("--record-images", help="Record the images too.")
+    ] = False,
     ros_args: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Argument(
@@ -110,7 +117,10 @@ def run(
     ] = None,
 ) -> Task:
     """Run the live nodes until Ctrl-C: all in one process, or one process each."""
-    return partial(_run, config, list(settings or []), separate, _of_ros(ros_args))
+    if record_images and record is None:
+        raise _UsageError("--record-images: expected --record DIR with it, the bag to write")
+    given = None if record is None else (record, record_images)
+    return partial(_run, config, list(settings or []), separate, _of_ros(ros_args), given)
 
 
 @app.command()
@@ -493,10 +503,17 @@ def _replay(
     return DONE if outcome.summary.found else NEVER_FOUND
 
 
-def _run(config: Path | None, overrides: list[str], separate: bool, ros_args: list[str]) -> int:
-    from pipeline_tracker.nodes.launcher import run
+def _run(
+    config: Path | None,
+    overrides: list[str],
+    separate: bool,
+    ros_args: list[str],
+    record: tuple[Path, bool] | None,
+) -> int:
+    from pipeline_tracker.nodes.launcher import Recording, run
 
-    return run(config, overrides, separate, ros_args)
+    recording = None if record is None else Recording(*record)
+    return run(config, overrides, separate, ros_args, recording)
 
 
 def _play(bag: Path, rate: float, loop: bool, ros_args: list[str]) -> int:

@@ -72,7 +72,7 @@ EXTRA_TOPICS = {
 }
 _JPEG_QUALITY = 80
 # A player of the bag offers it to those that come late, as ROS does.
-_LATCHED = Qos(
+LATCHED = Qos(
     QosHistory.KEEP_LAST,
     1,
     QosReliability.RELIABLE,
@@ -131,7 +131,7 @@ class ResultBag:
                 topic,
                 type_name,
                 typestore=self._factory.store,
-                offered_qos_profiles=[_LATCHED] if topic == MOUNTING else (),
+                offered_qos_profiles=[LATCHED] if topic == MOUNTING else (),
             )
         return self
 
