@@ -109,6 +109,13 @@ def run(
     separate: Annotated[
         bool, typer.Option("--separate", help="One process for each node.")
     ] = False,
+    record: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--record", metavar="DIR", help="Record the results to a bag."),
+    ] = None,
+    record_images: Annotated[
+        bool, typer.Option("--record-images", help="Record the images too.")
+    ] = False,
     ros_args: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Argument(
@@ -117,7 +124,10 @@ def run(
     ] = None,
 ) -> Task:
     """Run the live nodes until Ctrl-C: all in one process, or one process each."""
-    return partial(_run, config, list(settings or []), separate, _of_ros(ros_args))
+    if record_images and record is None:
+        raise _UsageError("--record-images: expected --record DIR with it, the bag to write")
+    given = None if record is None else (record, record_images)
+    return partial(_run, config, list(settings or []), separate, _of_ros(ros_args), given)
 
 
 @app.command()
@@ -238,6 +248,67 @@ def report(
 ) -> Task:
     """Write DIR/report.html again: one page that needs neither network nor other files."""
     return partial(_report, directory, truth)
+
+
+@app.command()
+def overlay(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="FILE.mp4", help="Film to write; or a directory for PNG files."
+        ),
+    ] = None,
+    bag: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--bag", metavar="BAG", help="The replayed bag, where it was moved."),
+    ] = None,
+    every: Annotated[str, typer.Option("--every", metavar="N", help="Show one of N frames.")] = "1",
+    from_: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--from", metavar="S", help="Begin so many seconds after the first image."),
+    ] = None,
+    to: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--to", metavar="S", help="End so many seconds after the first image."),
+    ] = None,
+    rate: Annotated[
+        str, typer.Option("--rate", metavar="R", help="Pictures per second of the film.")
+    ] = "10",
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> Task:
+    """Draw what a replay has found on its images: a film, or PNG files."""
+    if output is None:
+        raise _UsageError("no --output given; name a film (FILE.mp4) or a directory for PNG files")
+    numbers = {
+        "every": int(_number("--every", every, int)),
+        "start": None if from_ is None else _number("--from", from_, float),
+        "end": None if to is None else _number("--to", to, float),
+        "rate": _number("--rate", rate, float),
+    }
+    return partial(_overlay, directory, output, bag, numbers, force=force)
+
+
+@app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")],
+    format_: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--format", metavar="csv|geojson", help="Tables, or a map."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--output", metavar="PATH", help="GeoJSON: file; CSV: directory. By default in DIR."
+        ),
+    ] = None,
+    settings: _Set = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is there.")] = False,
+) -> Task:
+    """Write centreline, stretches and events for other programs: CSV, or GeoJSON for maps."""
+    if format_ is None:
+        raise _UsageError("no --format given; expected csv or geojson")
+    return partial(_export, directory, format_, output, list(settings or []), force=force)
 
 
 @app.command()
@@ -478,10 +549,17 @@ def _replay(
     return DONE if outcome.summary.found else NEVER_FOUND
 
 
-def _run(config: Path | None, overrides: list[str], separate: bool, ros_args: list[str]) -> int:
-    from pipeline_tracker.nodes.launcher import run
+def _run(
+    config: Path | None,
+    overrides: list[str],
+    separate: bool,
+    ros_args: list[str],
+    record: tuple[Path, bool] | None,
+) -> int:
+    from pipeline_tracker.nodes.launcher import Recording, run
 
-    return run(config, overrides, separate, ros_args)
+    recording = None if record is None else Recording(*record)
+    return run(config, overrides, separate, ros_args, recording)
 
 
 def _play(bag: Path, rate: float, loop: bool, ros_args: list[str]) -> int:
@@ -548,6 +626,23 @@ def _report(directory: Path, truth: Path | None) -> int:
         return _say(f"written to {write_report(directory, evaluation)}")
     except OSError as error:
         raise BagError(f"{directory}: cannot be written ({error.strerror or error})") from None
+
+
+def _overlay(
+    directory: Path, output: Path, bag: Path | None, numbers: dict[str, Any], *, force: bool
+) -> int:
+    from pipeline_tracker.replay.film import Cut, write_film
+
+    outcome = write_film(directory, output, Cut(**numbers), bag=bag, force=force)
+    return _say(outcome.in_words())
+
+
+def _export(
+    directory: Path, form: str, output: Path | None, overrides: list[str], *, force: bool
+) -> int:
+    from pipeline_tracker.export import export
+
+    return _say(export(directory, form, output, overrides, force=force).in_words())
 
 
 def _print_schema() -> int:

@@ -17,6 +17,7 @@ float32 of a message is float32 in the core too, so that nothing is lost on the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -102,6 +103,38 @@ def pose_stamped_message(
         header=header_message(factory, nanoseconds, frame_id),
         pose=pose_message(factory, pose),
     )
+
+
+def transforms_message(
+    factory: MessageFactory, nanoseconds: int, parent: str, children: Mapping[str, Pose]
+) -> Any:
+    """Return tf2_msgs/TFMessage.
+
+    Args:
+        factory: makes the messages.
+        nanoseconds: stamp, ns.
+        parent: parent frame.
+        children: pose parent <- child by the child's frame.
+    """
+    header = header_message(factory, nanoseconds, parent)
+    transforms = []
+    for child, pose in children.items():
+        placed = pose_message(factory, pose)
+        x, y, z = placed.position.x, placed.position.y, placed.position.z
+        transform = factory.message(
+            "geometry_msgs/msg/Transform",
+            translation=factory.message("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            rotation=placed.orientation,
+        )
+        transforms.append(
+            factory.message(
+                "geometry_msgs/msg/TransformStamped",
+                header=header,
+                child_frame_id=child,
+                transform=transform,
+            )
+        )
+    return factory.message("tf2_msgs/msg/TFMessage", transforms=transforms)
 
 
 def float_message(factory: MessageFactory, value: float) -> Any:

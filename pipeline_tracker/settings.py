@@ -26,8 +26,16 @@ def with_length(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def on_earth(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return latitude, longitude and height, or refuse them where there is no such place."""
+    if not (abs(values[0]) <= 90.0 and abs(values[1]) <= 180.0):
+        raise ValueError("latitude must be within -90 to 90, longitude within -180 to 180")
+    return values
+
+
 Vector = Annotated[tuple[float, float, float], AfterValidator(finite)]
 Direction = Annotated[Vector, AfterValidator(with_length)]
+Place = Annotated[Vector, AfterValidator(on_earth)]
 
 
 # The nodes, as far as a setting of theirs may change while they run.
@@ -272,6 +280,36 @@ class OutputSettings(Section):
     )
 
 
+class ResultSettings(Section):
+    """What a replay keeps for people to look at (offline only)."""
+
+    image_width: int = _setting(
+        640,
+        "Width of the left images in the result bag, no wider than the camera's; 0: none",
+        unit="px",
+        ge=0,
+        le=10_000,
+    )
+
+
+class ExportSettings(Section):
+    """Where odom lies on the earth (`export` only)."""
+
+    origin: Place | None = _setting(
+        None,
+        "Latitude, longitude (WGS 84) and height above the ellipsoid of odom's origin; GeoJSON "
+        "needs it",
+        unit="deg, deg, m",
+    )
+    yaw: float = _setting(
+        0.0,
+        "Angle from east to odom's x axis, positive to north; 0: x is east (REP 103)",
+        unit="rad",
+        ge=-6.3,
+        le=6.3,
+    )
+
+
 class AltimeterSettings(Section):
     """The echo sounder (mono); its beam, where no transform of its frame is known."""
 
@@ -317,6 +355,8 @@ class Settings(Section):
     segment: SegmentSettings = SegmentSettings()
     output: OutputSettings = OutputSettings()
     altimeter: AltimeterSettings = AltimeterSettings()
+    result: ResultSettings = ResultSettings()
+    export: ExportSettings = ExportSettings()
 
     @property
     def radius(self) -> float:

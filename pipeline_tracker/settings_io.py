@@ -183,6 +183,7 @@ def default_yaml() -> str:
         "pipe.diameter": 0.6,
         "camera.translation": [0.0, 0.0, 0.0],
         "camera.rotation_rpy": [3.1416, 0.0, -1.5708],
+        "export.origin": [43.1, 131.9, 0.0],
     }
     for row in describe_settings():
         live = f"at run time: {', '.join(row.live)}" if row.live else ""
@@ -203,7 +204,7 @@ def settings_table() -> str:
         if row.required:
             default = "must be given"
         elif row.default is None:
-            default = "from /tf_static"
+            default = "from /tf_static" if row.key.startswith("camera.") else "none"
         else:
             value = yaml.safe_dump(row.default, default_flow_style=True).split("\n")[0]
             default = f"`{value}`" if value != "''" else "empty"

@@ -191,8 +191,8 @@ def _ros_packages_in_use() -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.module:
                 found.add(node.module.partition(".")[0])
     found = {name for name in found if name.endswith(("_msgs", "_interfaces")) or name == "rclpy"}
-    # tf2_msgs is used where the full ROS 2 is installed.
-    return found - {"pipeline_tracker_msgs", "tf2_msgs"}
+    # tf2_msgs is used where the full ROS 2 is installed, foxglove_msgs in bags alone.
+    return found - {"pipeline_tracker_msgs", "tf2_msgs", "foxglove_msgs"}
 
 
 def test_ros_packages_in_use_are_required() -> None:

@@ -584,6 +584,11 @@ def test_result_bag_holds_every_topic(run: Run) -> None:
         "/pipeline/centerline": 3,
         "/pipeline/markers": 6,
         "/vnm/pose": 6,
+        "/tf": 6,
+        "/tf_static": 1,
+        "/pipeline/debug/left/image/compressed": 6,
+        "/pipeline/debug/left/camera_info": 6,
+        "/pipeline/debug/left/annotations": 6,
     }
     segments = [segment_from_message(m) for m in read["/pipeline/segment"]]
     rows = [row for row in done.rows if row["mode"]]

@@ -11,6 +11,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from pipeline_tracker.bags.foxglove import foxglove_types
 from pipeline_tracker.resources import message_directory
 
 OUR_PACKAGE = "pipeline_tracker_msgs"
@@ -18,13 +19,13 @@ OUR_PACKAGE = "pipeline_tracker_msgs"
 
 @lru_cache(maxsize=1)
 def our_typestore() -> Typestore:
-    """Return a type store with ROS 2 Jazzy's types and ours.
+    """Return a type store with ROS 2 Jazzy's types, ours and Foxglove's image annotations.
 
     Raises:
         ResourceError: our message definitions are not installed.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
+    types = foxglove_types()
     for file in sorted(message_directory().glob("*.msg")):
         name = f"{OUR_PACKAGE}/msg/{file.stem}"
         types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))

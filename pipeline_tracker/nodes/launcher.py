@@ -8,7 +8,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,25 @@ _RESTART_AFTER = 1.0
 _WATCH_EVERY = 0.1
 
 
+@dataclass(frozen=True)
+class Recording:
+    """What `run` records.
+
+    Attributes:
+        directory: of the bag; it must not exist.
+        images: record the images too.
+    """
+
+    directory: Path
+    images: bool = False
+
+
 def run(
-    config: Path | None, overrides: list[str], separate: bool, ros_args: Sequence[str] = ()
+    config: Path | None,
+    overrides: list[str],
+    separate: bool,
+    ros_args: Sequence[str] = (),
+    recording: Recording | None = None,
 ) -> int:
     """Run the four live nodes until SIGINT or SIGTERM.
 
@@ -44,13 +62,15 @@ def run(
         overrides: ``key=value`` each.
         separate: one process for each node, instead of one for all.
         ros_args: what follows ``--ros-args``: remappings, namespace, QoS override parameters.
+        recording: what to record; None: nothing.
 
     Returns:
-        Exit code: 0 after a signal, 2 where a node cannot be configured, 1 after another error.
+        Exit code: 0 after a signal, 2 where a node cannot be configured, 1 after another error, or
+        where the recording failed.
 
     Raises:
-        PipelineTrackerError: a setting or the camera's mounting is missing or impossible, or ROS
-            is not installed.
+        PipelineTrackerError: a setting or the camera's mounting is missing or impossible, ROS is
+            not installed, or the recording cannot be begun.
     """
     stop = Stop()
     stop.on_signals(0)
@@ -61,9 +81,24 @@ def run(
     import_module("pipeline_tracker.nodes.mounting").mounting_of_settings(settings)
     values = node_parameters(settings, config)
     args = ["--ros-args", *ros_args] if ros_args else []
+    end = None if recording is None else _begin_to_record(recording, settings, args)
     if separate:
-        return _run_separately(values, args, stop)
-    return int(import_module("pipeline_tracker.nodes.live").run_all(args, values, stop))
+        code = _run_separately(values, args, stop)
+        late = 0 if end is None else end()
+        return code or late
+    return int(import_module("pipeline_tracker.nodes.live").run_all(args, values, stop, end))
+
+
+def _begin_to_record(
+    recording: Recording, settings: Settings, args: list[str]
+) -> Callable[[], int]:
+    """Start the recording process; return what ends it and gives its exit code."""
+    # Only here: it brings what a run without a recording does not need.
+    recorder = import_module("pipeline_tracker.nodes.recorder_process")
+    recorder.check_directory(recording.directory)
+    topics = recorder.recorded_topics(settings, images=recording.images)
+    end: Callable[[], int] = recorder.RecorderProcess(recording.directory, topics, args).end
+    return end
 
 
 def node_parameters(settings: Settings, config: Path | None = None) -> dict[str, Any]:

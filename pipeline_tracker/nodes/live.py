@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from pipeline_tracker.nodes.local_recognizer import LocalRecognizer
@@ -15,6 +15,11 @@ from pipeline_tracker.nodes.stereo_vectorizer import StereoVectorizer
 NODES = (StereoVectorizer, LocalRecognizer, PipeTracker, RelativeStatePublisher)
 
 
-def run_all(args: Sequence[str], parameters: Mapping[str, Any], stop: Stop) -> int:
+def run_all(
+    args: Sequence[str],
+    parameters: Mapping[str, Any],
+    stop: Stop,
+    after: Callable[[], int] | None = None,
+) -> int:
     """Run the four nodes in this process; see ``run_nodes``."""
-    return run_nodes(NODES, args, parameters, stop)
+    return run_nodes(NODES, args, parameters, stop, after)

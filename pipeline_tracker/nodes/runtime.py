@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 import rclpy
@@ -29,6 +29,7 @@ def run_nodes(
     args: Sequence[str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     stop: Stop | None = None,
+    after: Callable[[], int] | None = None,
 ) -> NoReturn:
     """Run nodes in this process until SIGINT, SIGTERM or a node that cannot be configured.
 
@@ -37,6 +38,7 @@ def run_nodes(
         args: command line with ``--ros-args``; None: that of the process.
         parameters: parameter values for all of them.
         stop: with signal handlers already installed; None: they are installed here.
+        after: called when the nodes have ended; its exit code counts where theirs is 0.
 
     The process ends here, with exit code 0 after a signal, 2 after an error that the user can put
     right, 1 after another.
@@ -44,7 +46,7 @@ def run_nodes(
     if stop is None:
         stop = Stop()
         stop.on_signals(0)
-    _end_with_parent(stop)
+    end_with_parent(stop)
     # The main thread does nothing but wait: so it answers to a signal at any time, also while
     # kernels are compiled.
     session = _Session(kinds, args, parameters or {})
@@ -53,11 +55,12 @@ def run_nodes(
     code = stop.wait()
     session.end()
     thread.join(END_WITHIN)
+    late = 0 if after is None else after()
     sys.stdout.flush()
     sys.stderr.flush()
     # A compiler or a kernel cannot be interrupted, and to end Python under it may crash. Where the
     # thread has ended nothing is left but Python itself, which takes half a second to end.
-    os._exit(code or 0)
+    os._exit(code or late)
 
 
 class _Session:
@@ -137,7 +140,7 @@ def _succeed(node: PipelineNode, result: TransitionCallbackReturn) -> None:
         raise node.failure or RuntimeError("a transition failed")
 
 
-def _end_with_parent(stop: Stop) -> None:
+def end_with_parent(stop: Stop) -> None:
     """In a child of `run`, end when the parent does, however it ends."""
     if CHILD_VARIABLE not in os.environ:
         return

@@ -12,13 +12,13 @@ from typing import Any
 from pipeline_tracker.messages import stamp_ns, vectorized_message
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.base import PipelineNode
+from pipeline_tracker.nodes.debug_pictures import DebugPictures
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.timeline import StampJudge, Step
 from pipeline_tracker.nodes.worker import END_WITHIN, Worker
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
-from pipeline_tracker.types import VectorizedStereo
 from pipeline_tracker.validation.fields import check_stamp
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
 
@@ -59,12 +59,13 @@ class StereoVectorizer(PipelineNode):
     ITEMS = "images"
 
     def open_outputs(self) -> None:
-        """Open the topic of vectorized pairs."""
+        """Open the topics of vectorized pairs and of pictures."""
         self._epoch = 0
         self._lock = threading.Lock()
         self._vectorized_out = self.speak(
             "pipeline_tracker_msgs/msg/VectorizedStereo", "pipeline/vectorized"
         )
+        self._pictures = DebugPictures(self)
 
     def start(self) -> None:
         """Open the topics of images and camera infos."""
@@ -82,6 +83,7 @@ class StereoVectorizer(PipelineNode):
         self._without_info: deque[Pair] = deque()
         self._worker = Worker(self._vectorize, QUEUE, self._on_overrun, self.NAME)
         self.scope.add(self._worker.close, END_WITHIN)
+        self._pictures.start()
         for side in ("left", "right") if self._stereo else ("left",):
             self._listen_to(side)
         self.ready()
@@ -191,6 +193,7 @@ class StereoVectorizer(PipelineNode):
         self._without_info.clear()
         with self._lock:
             self._epoch += 1
+        self._pictures.forget()
         if held:
             self.dropped(reason, f"{held} images of before", held)
 
@@ -199,10 +202,14 @@ class StereoVectorizer(PipelineNode):
         pair, infos = item
         try:
             images = self._calibrated(infos)
-            frame = self._frame(pair, images)
+            left = images.read(pair.left, "left")
+            right = images.read(pair.right, "right") if self._stereo else None
+            frame = self._vectorizer.process(pair.stamp_ns, images.rig, left, right, images.unseen)
             frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
             given = (infos.left, infos.right) if images.infos_hold else (None, None)
             message = vectorized_message(self.messages, frame, frame_id, *given)
+            # Before it is known to others: an answer may be quick.
+            self._pictures.take(frame_id, left, right, frame)
             with self._lock:
                 wanted = pair.epoch == self._epoch
                 if wanted:
@@ -220,11 +227,6 @@ class StereoVectorizer(PipelineNode):
             right = infos.right if self._stereo else None
             self._images = infos, StereoImages(self.settings, infos.left, right)
         return self._images[1]
-
-    def _frame(self, pair: Pair, images: StereoImages) -> VectorizedStereo:
-        left = images.read(pair.left, "left")
-        right = images.read(pair.right, "right") if self._stereo else None
-        return self._vectorizer.process(pair.stamp_ns, images.rig, left, right, images.unseen)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -54,6 +54,10 @@ class Voice:
         check_output(self._type_name, message)
         self._publisher.publish(message)
 
+    def get_subscription_count(self) -> int:
+        """Return how many listen."""
+        return int(self._publisher.get_subscription_count())
+
 
 class TalkingNode(ManagedNode):
     """A managed node that never ends of a message, and tells how it is.

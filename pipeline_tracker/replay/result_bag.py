@@ -8,15 +8,29 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rosbags.interfaces import Connection
+import cv2
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from typing_extensions import Self
 
 from pipeline_tracker import messages
+from pipeline_tracker.bags.foxglove import IMAGE_ANNOTATIONS
 from pipeline_tracker.bags.typestore import BagMessages
+from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.markers import Centerline, markers_message
 from pipeline_tracker.replay.input import Frame
+from pipeline_tracker.replay.results import BAG_KEY
 from pipeline_tracker.replay.steady_writer import SteadyWriter
+from pipeline_tracker.report.annotations import annotations_message
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.types import (
     PipeSegment,
@@ -32,8 +46,7 @@ _FLOATS = {
     "approach_speed": "speed_variance",
     "min_distance": "distance_variance",
 }
-# What the nodes publish; the VNM's pose at each image's stamp comes beside it.
-POSE = "/vnm/pose"
+# What the nodes publish.
 TOPICS = {
     "/pipeline/vectorized": "pipeline_tracker_msgs/msg/VectorizedStereo",
     "/pipeline/recognition_request": "std_msgs/msg/Header",
@@ -45,6 +58,33 @@ TOPICS = {
     "/pipeline/centerline": "nav_msgs/msg/Path",
     "/pipeline/markers": "visualization_msgs/msg/MarkerArray",
 }
+# What comes beside it: the VNM's pose at each image's stamp, the frames, and for people to look at
+# the left image with what was found in it.
+POSE = "/vnm/pose"
+TRANSFORMS, MOUNTING = "/tf", "/tf_static"
+LEFT_IMAGE = "/pipeline/debug/left/image/compressed"
+LEFT_INFO = "/pipeline/debug/left/camera_info"
+ANNOTATIONS = "/pipeline/debug/left/annotations"
+EXTRA_TOPICS = {
+    POSE: "geometry_msgs/msg/PoseStamped",
+    TRANSFORMS: "tf2_msgs/msg/TFMessage",
+    MOUNTING: "tf2_msgs/msg/TFMessage",
+    ANNOTATIONS: IMAGE_ANNOTATIONS,
+    LEFT_INFO: "sensor_msgs/msg/CameraInfo",
+}
+_JPEG_QUALITY = 80
+# A player of the bag offers it to those that come late, as ROS does.
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(0, 0),
+    QosTime(0, 0),
+    QosLiveliness.AUTOMATIC,
+    QosTime(0, 0),
+    avoid_ros_namespace_conventions=False,
+)
 
 
 class ResultBag:
@@ -54,19 +94,26 @@ class ResultBag:
     does not allow that, or the process is killed, what was saved before can still be salvaged.
     """
 
-    def __init__(self, path: Path, settings: Settings, left_frame: str) -> None:
+    def __init__(
+        self, path: Path, settings: Settings, left_frame: str, mounting: Pose, bag: Path
+    ) -> None:
         """Remember what to write; ``__enter__`` creates the directory.
 
         Args:
             path: the bag's directory; it must not exist.
-            settings: names of frames.
+            settings: names of frames, width of the images.
             left_frame: name of the left optical frame.
+            mounting: base_link <- left optical frame.
+            bag: what is replayed; named in the metadata.
         """
         self._factory = BagMessages()
         self._settings = settings
         self._left_frame = left_frame
+        self._mounting = mounting
+        self._begun = False
         self._centerline = Centerline()
         self._writer = SteadyWriter(path)
+        self._writer.set_custom_data(BAG_KEY, str(bag.resolve()))
         self._broken = False
         self._connections: dict[str, Connection] = {}
 
@@ -77,9 +124,15 @@ class ResultBag:
             OSError: it cannot be written.
         """
         self._writer.open()
-        for topic, type_name in {**TOPICS, POSE: "geometry_msgs/msg/PoseStamped"}.items():
+        kinds = {**TOPICS, **EXTRA_TOPICS}
+        if self._settings.result.image_width:
+            kinds[LEFT_IMAGE] = "sensor_msgs/msg/CompressedImage"
+        for topic, type_name in kinds.items():
             self._connections[topic] = self._writer.add_connection(
-                topic, type_name, typestore=self._factory.store
+                topic,
+                type_name,
+                typestore=self._factory.store,
+                offered_qos_profiles=[LATCHED] if topic == MOUNTING else (),
             )
         return self
 
@@ -124,7 +177,7 @@ class ResultBag:
         """Write all messages of a frame, with its stamp as the time of recording.
 
         Args:
-            frame: the input, whose camera infos are passed on.
+            frame: the input, whose camera infos and left image are passed on.
             vectorized: the vectorized pair.
             recognition: the recognizer's answer; None where it was not asked.
             status, segment, state: what the tracker and the estimator said.
@@ -139,8 +192,7 @@ class ResultBag:
         def put(name: str, message: Any) -> None:
             self._put(f"/pipeline/{name}", stamp, message)
 
-        if pose is not None:
-            self._put(POSE, stamp, messages.pose_stamped_message(factory, pose, stamp, odom))
+        self._write_frames(stamp, pose)
         put(
             "vectorized",
             messages.vectorized_message(
@@ -160,6 +212,50 @@ class ResultBag:
         if self._centerline.update(state, segment, pose):
             put("centerline", self._centerline.message(factory, stamp, odom))
         put("markers", markers_message(factory, status, segment, state, base))
+        self._write_picture(frame, vectorized.rig.left)
+        drawn = annotations_message(
+            factory, vectorized.rig.left, self._mounting, status, segment, state
+        )
+        self._put(ANNOTATIONS, stamp, drawn)
+
+    def _write_frames(self, stamp: int, pose: Pose | None) -> None:
+        """Write where base_link is in odom, and once where the camera is in base_link."""
+        factory, names = self._factory, self._settings.frames
+
+        def transform(parent: str, child: str, placed: Pose) -> Any:
+            return messages.transforms_message(factory, stamp, parent, {child: placed})
+
+        if not self._begun:
+            self._put(MOUNTING, stamp, transform(names.base_link, self._left_frame, self._mounting))
+            self._begun = True
+        if pose is not None:
+            message = messages.pose_stamped_message(factory, pose, stamp, names.odom)
+            self._put(POSE, stamp, message)
+            self._put(TRANSFORMS, stamp, transform(names.odom, names.base_link, pose))
+
+    def _write_picture(self, frame: Frame, camera: Camera) -> None:
+        """Write the left image, made smaller, with the camera info of its full size.
+
+        Foxglove spreads an image over the size that its camera info says: annotations are in the
+        pixels of the camera, and fit the images of the replayed bag too.
+        """
+        width, stamp = self._settings.result.image_width, frame.stamp_ns
+        if not width or frame.left is None:
+            return
+        image = frame.left
+        if width < image.shape[1]:
+            size = width, max(1, round(image.shape[0] * width / image.shape[1]))
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        picture = self._factory.message(
+            "sensor_msgs/msg/CompressedImage",
+            header=messages.header_message(self._factory, stamp, self._left_frame),
+            format="jpeg",
+            data=data.ravel(),
+        )
+        self._put(LEFT_IMAGE, stamp, picture)
+        info = messages.camera_info_message(self._factory, camera, stamp, self._left_frame)
+        self._put(LEFT_INFO, stamp, info)
 
     def _put(self, topic: str, stamp: int, message: Any) -> None:
         data = self._factory.serialize(message)

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, TextIO
@@ -19,6 +19,7 @@ from pipeline_tracker import __version__
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.errors import BagError, PipelineTrackerError
+from pipeline_tracker.export.command import FILES
 from pipeline_tracker.files import write_whole
 from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
@@ -58,6 +59,8 @@ OUR_FILES = (
     "evaluation_errors.png",
     "evaluation_coverage.png",
     "evaluation_states.png",
+    # Nor what was exported of it.
+    *FILES,
 )
 
 
@@ -153,14 +156,16 @@ def replay(
                 return _nothing_left(output)
         if make_pipeline is None:
             warm_up(source.settings)
-        run = _Run(source, output, make_pipeline or Pipeline, past)
+        run = _Run(source, bag, output, make_pipeline or Pipeline, past)
         with _writing(output):
             if past is None:
                 _prepare(output, bag, source.settings)
         try:
             run.go(stream or sys.stdout)
         except BagError as error:
-            run.report(bag, damage=str(error))
+            # A disk that is full has no room for it either; the first error is the one to tell.
+            with suppress(PipelineTrackerError):
+                run.report(bag, damage=str(error))
             raise
         run.report(bag)
         if not run.summary.interrupted:
@@ -193,10 +198,16 @@ def check_output(output: Path, bag: Path, *, force: bool) -> None:
 
 class _Run:
     def __init__(
-        self, source: ReplayInput, output: Path, make: PipelineMaker, past: Resumption | None
+        self,
+        source: ReplayInput,
+        bag: Path,
+        output: Path,
+        make: PipelineMaker,
+        past: Resumption | None,
     ) -> None:
         self.summary = ReplaySummary()
         self._source = source
+        self._bag = bag
         self._output = output
         settings = source.settings
         self._settings = settings
@@ -211,10 +222,18 @@ class _Run:
         """Process all frames and close all files, whatever happens."""
         source, poses = self._source, self._pipeline.poses
         start = time.monotonic()
-        rows = None if self._past is None else self._past.begin()
+        with _writing(self._output):
+            rows = None if self._past is None else self._past.begin()
         with (
+            _writing(self._output),
             EstimatesFile(self._output / "estimates.csv", rows) as table,
-            ResultBag(self._output / "result", self._settings, source.left_frame) as result,
+            ResultBag(
+                self._output / "result",
+                self._settings,
+                source.left_frame,
+                source.mounting,
+                self._bag,
+            ) as result,
             ReplayProgress(source.frame_count, stream) as progress,
             _interrupt_between_frames() as interrupted,
         ):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,18 +13,32 @@ from pipeline_tracker.files import write_whole
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult
-from pipeline_tracker.types import Contours, Float32Array, Image, PipeSegment, State
+from pipeline_tracker.report.caption import caption
+from pipeline_tracker.report.shapes import ContourShape, FrameShapes, frame_shapes, scaled
+from pipeline_tracker.types import Float32Array, Image, PipeSegment
 
+Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 _Colour = tuple[int, int, int]
 # Blue, green, red. Told apart by colour-blind eyes too.
-_SEGMENTS: _Colour = (190, 160, 90)
+_SEGMENTS: _Colour = (167, 121, 204)
 _LEFT_CONTOUR: _Colour = (0, 159, 230)
 _RIGHT_CONTOUR: _Colour = (233, 180, 86)
 _AXIS: _Colour = (66, 228, 240)
 _TEXT: _Colour = (255, 255, 255)
+_OUTLINE: _Colour = (0, 0, 0)
+_LEGEND = (
+    ("left contour", _LEFT_CONTOUR),
+    ("right contour", _RIGHT_CONTOUR),
+    ("axis", _AXIS),
+    ("broken: expected; shaded: 95 % of where it may lie", _TEXT),
+)
 _MAX_WIDTH = 2400
-_NEAR = 0.05
+# Share of a band's own colour where it covers the picture.
+_BAND_WEIGHT = 0.35
+_DASH = 14.0
+# OpenCV takes 32-bit integers; what lies so far outside, px, is not to be drawn.
+_NOWHERE = 1e5
 
 
 @dataclass(frozen=True)
@@ -88,45 +101,56 @@ class OverlayKeeper:
         return abs(kept.index - self._middle_index) < abs(middle.index - self._middle_index)
 
 
-def draw_overlay(left: Image, right: Image | None, result: FrameResult, mounting: Pose) -> Picture:
+def draw_overlay(
+    left: Image,
+    right: Image | None,
+    result: FrameResult,
+    mounting: Pose | None,
+    title: str = "",
+    max_width: int = _MAX_WIDTH,
+) -> Picture:
     """Draw a result on its images.
 
     Args:
         left, right: (H, W) uint8; right None in mono.
         result: what the pipeline said of them.
-        mounting: base_link <- left optical frame.
+        mounting: base_link <- left optical frame; None: not known, only what was seen is drawn.
+        title: a line above the numbers; with it comes a legend at the foot.
+        max_width: of the whole picture, px; wider images are made smaller.
 
     Returns:
         (h, w, 3) uint8, blue green red: left and right image side by side, their grey levels spread
         where they are few, with all segments (thin),
         the fitted contours (thick; one colour for the left one along travel, another for the right
-        one), the axis piece with an arrow ahead, and the numbers.
+        one), where the axis expects a contour that was not found (broken), the band in which the
+        contours lie with 95 % (shaded; too narrow to be seen where the pipe was found well), the
+        axis piece with an arrow ahead, and the numbers.
     """
-    rig, segment = result.vectorized.rig, result.tracked.segment
+    rig = result.vectorized.rig
     images = [(left, rig.left, result.vectorized.left_segments)]
     if right is not None and rig.right is not None:
         images.append((right, rig.right, result.vectorized.right_segments))
+    scale = min(1.0, max_width / (len(images) * rig.left.width))
+    segment = result.tracked.segment
     panels = [
-        draw_panel(image, camera, segment, mounting, number=number, lines=lines)
+        draw_panel(image, camera, segment, mounting, number=number, lines=lines, scale=scale)
         for number, (image, camera, lines) in enumerate(images)
     ]
-    _write_numbers(panels[0], result)
-    joined: Picture = np.hstack(panels)
-    if joined.shape[1] > _MAX_WIDTH:
-        scale = _MAX_WIDTH / joined.shape[1]
-        small = cv2.resize(joined, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        joined = np.asarray(small, dtype=np.uint8)
-    return joined
+    _write_numbers(panels[0], result, title)
+    if title:
+        _write_legend(panels[0])
+    return np.hstack(panels)
 
 
 def draw_panel(
     image: Image,
     camera: Camera,
     segment: PipeSegment | None,
-    mounting: Pose,
+    mounting: Pose | None,
     *,
     number: int = 0,
     lines: Float32Array | None = None,
+    scale: float = 1.0,
 ) -> Picture:
     """Draw what was found on one image, without words.
 
@@ -134,26 +158,30 @@ def draw_panel(
         image: (H, W) uint8.
         camera: its camera.
         segment: the pipe in base_link; None where there is none.
-        mounting: base_link <- left optical frame.
+        mounting: base_link <- left optical frame; None: not known, only what was seen is drawn.
         number: 0 for the left image, 1 for the right one.
         lines: (N, 4) float32, x1 y1 x2 y2 px: all segments, drawn thin; None: left out.
+        scale: size of the picture in that of the image, at most 1.
 
     Returns:
-        (H, W, 3) uint8, blue green red; see ``draw_overlay``.
+        (h, w, 3) uint8, blue green red; see ``draw_overlay``.
     """
+    if scale < 1.0:
+        size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     panel: Picture = np.asarray(cv2.cvtColor(_stretched(image), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    width = 2 * max(1, round(camera.width / 600))
-    for x1, y1, x2, y2 in () if lines is None else lines.astype(np.float64):
-        _line(panel, (x1, y1), (x2, y2), _SEGMENTS, 1)
-    if segment is not None and segment.found:
-        _draw_contours(panel, segment, number, width)
-        _draw_axis(panel, segment, camera, mounting, width)
+    if lines is not None:
+        _lines(panel, scaled(lines.astype(np.float64).reshape(-1, 2, 2), scale), _SEGMENTS, 1)
+    if segment is not None:
+        shapes = frame_shapes(segment, camera, number, mounting)
+        _draw_shapes(panel, shapes.scaled(scale), max(1, round(panel.shape[1] / 600)))
     return panel
 
 
 def _stretched(image: Image) -> Image:
     """Spread the grey levels of a dark or hazy picture for the eye."""
-    low, high = (float(v) for v in np.percentile(image, (0.5, 99.5)))
+    # A sixteenth of the pixels tells it as well.
+    low, high = (float(v) for v in np.percentile(image[::4, ::4], (0.5, 99.5)))
     # More would show the noise, and a uniform picture has nothing to spread.
     gain = min(3.0, 230.0 / max(high - low, 1.0)) if high - low > 10.0 else 1.0
     if gain <= 1.0:
@@ -161,66 +189,102 @@ def _stretched(image: Image) -> Image:
     return np.asarray(np.clip((image - low) * gain + 10.0, 0.0, 255.0), dtype=np.uint8)
 
 
-def _draw_contours(panel: Picture, segment: PipeSegment, image: int, width: int) -> None:
-    bits = [bit for bit in Contours if bit and bit in segment.visible_contours]
-    for bit, (x1, y1, x2, y2) in zip(bits, segment.contours.astype(np.float64), strict=False):
-        in_right_image = bit in (Contours.RIGHT_IMAGE_LEFT, Contours.RIGHT_IMAGE_RIGHT)
-        if in_right_image == bool(image):
-            is_left = bit in (Contours.LEFT_IMAGE_LEFT, Contours.RIGHT_IMAGE_LEFT)
-            colour = _LEFT_CONTOUR if is_left else _RIGHT_CONTOUR
-            _line(panel, (x1, y1), (x2, y2), colour, width)
+def _draw_shapes(panel: Picture, shapes: FrameShapes, width: int) -> None:
+    for contour in shapes.contours:
+        _draw_band(panel, contour)
+    for contour in shapes.contours:
+        colour = _LEFT_CONTOUR if contour.is_left else _RIGHT_CONTOUR
+        if contour.seen is not None:
+            _line(panel, contour.seen, colour, 2 * width, outline=width)
+        elif contour.expected is not None:
+            _broken_line(panel, contour.expected, colour, width + 1)
+    if shapes.axis is not None:
+        _line(panel, shapes.axis, _AXIS, 2 * width, outline=width, arrow=True)
 
 
-def _draw_axis(
-    panel: Picture, segment: PipeSegment, camera: Camera, mounting: Pose, width: int
-) -> None:
-    ends = mounting.inverse().apply(np.stack((segment.start, segment.end)))
-    if (ends[:, 2] < _NEAR).any():
+def _draw_band(panel: Picture, contour: ContourShape) -> None:
+    if contour.band is None or not _drawable(contour.band):
         return
-    (x1, y1), (x2, y2) = camera.project(ends)
-    _line(panel, (x1, y1), (x2, y2), _AXIS, width, arrow=True)
+    height, width = panel.shape[:2]
+    low = np.clip(np.floor(contour.band.min(axis=0)) - 1, 0, (width, height)).astype(int)
+    high = np.clip(np.ceil(contour.band.max(axis=0)) + 2, 0, (width, height)).astype(int)
+    if not (low < high).all():
+        return
+    part = panel[low[1] : high[1], low[0] : high[0]]
+    mask = np.zeros(part.shape[:2], np.uint8)
+    corners = np.rint((contour.band - low) * 16).astype(np.int32)
+    cv2.fillPoly(mask, [corners], 255, cv2.LINE_AA, 4)
+    inside = mask > 0
+    weight = _BAND_WEIGHT / 255.0 * mask[inside].astype(np.float32)[:, None]
+    colour = np.array(_LEFT_CONTOUR if contour.is_left else _RIGHT_CONTOUR, np.float32)
+    part[inside] = part[inside] * (1.0 - weight) + colour * weight
+
+
+def _broken_line(panel: Picture, line: Array, colour: _Colour, width: int) -> None:
+    if not _drawable(line):
+        return
+    count = max(1, round(float(np.linalg.norm(line[1] - line[0])) / (_DASH * width)))
+    shares = np.linspace(0.0, 1.0, 2 * count)[:, None]
+    dashes = (line[0] + shares * (line[1] - line[0])).reshape(-1, 2, 2)
+    _lines(panel, dashes, _OUTLINE, width + 2)
+    _lines(panel, dashes, colour, width)
+
+
+def _lines(panel: Picture, lines: Array, colour: _Colour, width: int) -> None:
+    """Draw many lines, (N, 2, 2) px, at once."""
+    near = lines[(np.abs(lines) < _NOWHERE).all(axis=(1, 2))]
+    corners = np.rint(near[:, :, None, :] * 16).astype(np.int32)
+    cv2.polylines(panel, list(corners), False, colour, width, cv2.LINE_AA, 4)
 
 
 def _line(
     panel: Picture,
-    start: tuple[float, float],
-    end: tuple[float, float],
+    line: Array,
     colour: _Colour,
     width: int,
     *,
+    outline: int = 0,
     arrow: bool = False,
 ) -> None:
-    points = np.array([start, end], dtype=np.float64)
-    # OpenCV takes 32-bit integers; what lies so far outside is not to be drawn.
-    if not (np.isfinite(points).all() and np.abs(points).max() < 1e5):
+    if not _drawable(line):
         return
     # 4 binary digits below the pixel.
-    one, other = (tuple(int(v) for v in point) for point in np.rint(points * 16))
-    if arrow:
-        cv2.arrowedLine(panel, one, other, colour, width, cv2.LINE_AA, 4, 0.12)
-    else:
-        cv2.line(panel, one, other, colour, width, cv2.LINE_AA, 4)
+    one, other = (tuple(int(v) for v in point) for point in np.rint(line * 16))
+    # A dark line below keeps a bright one apart from bright sand.
+    strokes = [(_OUTLINE, width + 2 * outline), (colour, width)][0 if outline else 1 :]
+    for paint, weight in strokes:
+        if arrow:
+            cv2.arrowedLine(panel, one, other, paint, weight, cv2.LINE_AA, 4, 0.12)
+        else:
+            cv2.line(panel, one, other, paint, weight, cv2.LINE_AA, 4)
 
 
-def _write_numbers(panel: Picture, result: FrameResult) -> None:
-    status, state = result.tracked.status, result.relative_state
-    words = status.state.name.lower() + ("" if state.valid else ", not valid")
-    lines = [words + (f": {status.reason}" if status.reason else "")]
-    if status.state != State.SEARCHING and result.tracked.segment is not None:
-        heading = math.degrees(state.heading_misalignment)
-        pitch = math.degrees(state.pitch_misalignment)
-        side = state.side.name.lower().replace("_", " ")
-        lines += [
-            f"distance {state.min_distance:.3f} m  support {status.support:.2f}",
-            f"heading {heading:+.1f} deg  pitch {pitch:+.1f} deg",
-            f"lateral {state.lateral_offset:+.3f} m  side: {side}",
-        ]
+def _drawable(points: Array) -> bool:
+    return bool((np.abs(points) < _NOWHERE).all())
+
+
+def _write_numbers(panel: Picture, result: FrameResult, title: str) -> None:
     scale = panel.shape[1] / 1200.0
-    step, thick = round(32 * scale) + 4, max(1, round(2 * scale))
+    lines = caption(result.tracked.status, result.tracked.segment, result.relative_state)
+    if title:
+        lines.insert(0, title)
     for number, line in enumerate(lines, start=1):
-        x, y = round(12 * scale), number * step
-        # An outline of the same weight: newer OpenCV sets heavier letters wider.
-        for dx, dy in ((-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)):
-            colour = _TEXT if dx == 0 else (0, 0, 0)
-            place, font = (x + dx * thick, y + dy * thick), cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(panel, line, place, font, 0.9 * scale, colour, thick, cv2.LINE_AA)
+        _write(panel, line, round(12 * scale), number * (round(32 * scale) + 4), 0.9 * scale)
+
+
+def _write_legend(panel: Picture) -> None:
+    scale = panel.shape[1] / 1200.0
+    x, y = round(12 * scale), panel.shape[0] - round(14 * scale)
+    for words, colour in _LEGEND:
+        x += _write(panel, words, x, y, 0.7 * scale, colour) + round(24 * scale)
+
+
+def _write(panel: Picture, words: str, x: int, y: int, size: float, colour: _Colour = _TEXT) -> int:
+    """Write a line with its baseline at (x, y); return its width in px."""
+    thick, font = max(1, round(2 * panel.shape[1] / 1200.0)), cv2.FONT_HERSHEY_SIMPLEX
+    # An outline of the same weight: newer OpenCV sets heavier letters wider.
+    for dx, dy in ((-1, -1), (-1, 1), (1, -1), (1, 1), (0, 0)):
+        paint = colour if dx == 0 else _OUTLINE
+        place = (x + dx * thick, y + dy * thick)
+        cv2.putText(panel, words, place, font, size, paint, thick, cv2.LINE_AA)
+    return int(cv2.getTextSize(words, font, size, thick)[0][0])

@@ -149,7 +149,8 @@ def _read_table(path: Path) -> list[Row]:
 def _read_result(path: Path, record: Record) -> None:
     """Read states, poses and segments, where the result bag is there."""
     segments: dict[int, PipeSegment] = {}
-    if not path.exists():
+    # Where no frame was processed the bag is empty, and an empty bag is refused.
+    if not path.exists() or not any(row["state"] for row in record.rows):
         return
     try:
         with BagReader(path) as bag:

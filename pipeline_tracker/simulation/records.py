@@ -33,6 +33,7 @@ from pipeline_tracker.messages import (
     camera_info_message,
     header_message,
     pose_message,
+    transforms_message,
 )
 from pipeline_tracker.simulation.lens import Lens
 from pipeline_tracker.simulation.navigation import VnmTrack
@@ -70,26 +71,8 @@ class Messages:
 
     def mountings(self, stamp: int, mountings: Iterable[tuple[str, Pose]]) -> Record:
         """Return /tf_static with base_link <- the frames named."""
-        make = self._factory.message
-        transforms = []
-        for frame, mounting in mountings:
-            pose = pose_message(self._factory, mounting)
-            place = pose.position
-            transforms.append(
-                make(
-                    "geometry_msgs/msg/TransformStamped",
-                    header=self._header(stamp, BASE_LINK),
-                    child_frame_id=frame,
-                    transform=make(
-                        "geometry_msgs/msg/Transform",
-                        translation=make(
-                            "geometry_msgs/msg/Vector3", x=place.x, y=place.y, z=place.z
-                        ),
-                        rotation=pose.orientation,
-                    ),
-                )
-            )
-        return Record(stamp, "/tf_static", make("tf2_msgs/msg/TFMessage", transforms=transforms))
+        transforms = transforms_message(self._factory, stamp, BASE_LINK, dict(mountings))
+        return Record(stamp, "/tf_static", transforms)
 
     def scenario(self, stamp: int, text: str) -> Record:
         """Return the scenario as text."""

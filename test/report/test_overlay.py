@@ -47,7 +47,7 @@ def result(*, quality: float = 0.5, valid: bool = True, found: bool = True) -> F
         start=ends[0],
         end=ends[1],
         radius=0.3,
-        covariance=np.eye(4),
+        covariance=1e-8 * np.eye(4),
         support=0.5,
         visible_contours=Contours.LEFT_IMAGE_LEFT | Contours.RIGHT_IMAGE_RIGHT,
         contours=np.array([[270, 0, 270, 479], [370, 0, 370, 479]], np.float32),
@@ -70,12 +70,46 @@ def test_each_thing_has_its_place_and_colour() -> None:
     assert picture.shape == (480, 1280, 3)
     assert colour_at(picture, 270, 300) == _LEFT_CONTOUR
     assert colour_at(picture, 640 + 370, 300) == _RIGHT_CONTOUR
-    assert colour_at(picture, 370, 300) == (60, 60, 60), "the contour of the other image"
+    assert colour_at(picture, 640 + 270, 300) != _LEFT_CONTOUR, "the contour of the other image"
     assert colour_at(picture, 550, 400) == pytest.approx(_SEGMENTS, abs=20)
     # 500 * 0.1 / 2 right of the centre, and 500 * 0.2 / 2 less of it in the right image.
     assert colour_at(picture, 319.5 + 25, 239.5) == _AXIS
     assert colour_at(picture, 640 + 319.5 - 25, 239.5) == _AXIS
     assert (picture[:40, :200] > 150).any(), "there are words"
+
+
+def test_a_lost_pipe_is_shown_where_it_is_expected() -> None:
+    seen = result()
+    segment = seen.tracked.segment
+    assert segment is not None
+    coasted = replace(
+        segment,
+        support=0.0,
+        visible_contours=Contours.NONE,
+        contours=np.zeros((0, 4), np.float32),
+        covariance=np.diag([1e-3, 1e-3, 1e-6, 1e-6]),
+    )
+    status = replace(seen.tracked.status, state=State.COASTING)
+    found = replace(seen, tracked=replace(seen.tracked, status=status, segment=coasted))
+    picture = draw_overlay(GREY, GREY, found, MOUNTING)
+    part = picture[380:420, :640].astype(int)
+    row = part[20]
+    # Half of its width is 1.96 sqrt(0.001) m at 2 m: 15 px of shade between line and border.
+    shade = 0.65 * 60 + 0.35 * np.array(_RIGHT_CONTOUR)
+    assert 20 <= (np.abs(row - shade).max(axis=1) < 3.0).sum() <= 40
+    is_left = (np.abs(part - _LEFT_CONTOUR).max(axis=2) < 50).any(axis=1)
+    assert is_left.any()
+    assert not is_left.all(), "a broken line has gaps"
+    assert not (np.abs(part[:, 320:] - _LEFT_CONTOUR).max(axis=2) < 50).any(), "left is left"
+
+
+def test_a_film_has_a_title_and_a_legend() -> None:
+    plain = draw_overlay(GREY, GREY, result(), MOUNTING)
+    titled = draw_overlay(GREY, GREY, result(), MOUNTING, "frame 3")
+    foot = slice(455, 480), slice(0, 250)
+    assert (plain[foot] == 60).all()
+    for colour in (_LEFT_CONTOUR, _RIGHT_CONTOUR, _AXIS):
+        assert (np.abs(titled[foot].astype(int) - colour).max(axis=2) < 60).any()
 
 
 def test_mono_is_one_image_and_nothing_found_has_no_lines() -> None:

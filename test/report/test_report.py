@@ -154,6 +154,17 @@ def test_images_that_cannot_be_read_are_rows_without_a_picture(make: Make, tmp_p
     assert "not processed" in page.words
 
 
+def test_where_no_frame_was_processed_the_rows_tell_why(make: Make, tmp_path: Path) -> None:
+    items = list(Sea().items())
+    for item in items:
+        if item.topic.endswith("image_rect"):
+            item.message.encoding = "32FC1"
+    page = Page.of(make(write_bag(tmp_path / "depths", items)))
+    assert "The pipe was not found in any of 4 frames." in page.words
+    assert "32FC1" in page.words
+    assert set(page.data["columns"]["state"]) == {0}
+
+
 def test_an_interrupted_replay_says_so(make: Make) -> None:
     def stop(index: int) -> None:
         if index == 2:
