@@ -126,6 +126,9 @@ def test_the_policy_allows_what_the_nodes_open_and_nothing_else(bench: Any) -> N
         # The graph knows nodes by their names.
         live = bench.live(*overrides, namespace=f"/vehicle_{number}")
         for node in live.nodes:
+            if hasattr(node, "_pictures"):
+                # As when someone looks at them.
+                node._pictures._open_inputs()
             for what, names in opened(node).items():
                 found[node.get_name()][what] |= names
     managed = hasattr(live.nodes[0], "trigger_configure")
