@@ -63,6 +63,7 @@ class Health:
         self._inputs.clear()
         self._notes.clear()
         self._past.clear()
+        self._past.append((self.ledger.account(), 0))
         self.latency.clear()
 
     def watch(self, topic: str, need: Need, timeout: float = 0.0) -> InputWatch:

@@ -22,7 +22,7 @@ class FakeNode:
         self.heard: dict[str, Any] = {}
         self.errors: list[str] = []
 
-    def listen(self, _type_name: str, topic: str, callback: Any, _profile: Any) -> str:
+    def listen(self, _type_name: str, topic: str, callback: Any, _profile: Any, **_: Any) -> str:
         self.heard[topic] = callback
         return topic
 
