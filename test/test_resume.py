@@ -68,7 +68,7 @@ class Run:
 def rows(output: Path) -> list[list[str]]:
     """Return the table without the times."""
     with (output / "estimates.csv").open(newline="") as file:
-        return [row[:-1] for row in csv.reader(file)]
+        return [[*row[:-3], *row[-2:]] for row in csv.reader(file)]
 
 
 def content(bag: Path) -> list[tuple[str, int, bytes]]:

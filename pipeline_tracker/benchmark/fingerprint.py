@@ -22,6 +22,7 @@ SIMULATOR = (
     "resources.py",
     "simulation",
     "types.py",
+    "validation",
 )
 # What replays and measures has no part of these.
 _NOT_MEASURING = ("benchmark", "cli.py", "nodes", "simulation")

@@ -296,7 +296,10 @@ def _stamp(line: bytes) -> int | None:
 
 
 def _without_time(line: bytes) -> bytes:
-    return line.rpartition(b",")[0]
+    """Return a row without processing_ms: counted from its end, where no cell holds a comma."""
+    behind = len(COLUMNS) - list(COLUMNS).index("processing_ms")
+    before, _, *after = line.rsplit(b",", behind)
+    return b",".join((before, *after))
 
 
 def _number(value: float) -> str:

@@ -63,7 +63,7 @@ class StandIn:
             left_segments=np.array([[1, 2, 30, 40]], np.float32),
             right_segments=np.zeros((0, 4), np.float32),
             # What is made of the images is all that later steps know of them.
-            matches=np.array([[level, 0, 0, 0]], np.float32),
+            matches=np.array([[level / 16, 0, 0, 0]][: right is not None], np.float32).reshape(-1, 4),
             left_thumbnail=thumbnail,
             right_thumbnail=thumbnail if right is not None else np.zeros((0, 0), np.uint8),
         )
@@ -76,7 +76,8 @@ class StandIn:
         pose = self.poses.at(stamp_ns)
         self.calls.append((stamp_ns, pose))
         self.rigs.append(vectorized.rig)
-        level = float(vectorized.matches[0, 0])
+        matches = vectorized.matches
+        level = 16 * float(matches[0, 0]) if len(matches) else vectorized.left_thumbnail.mean()
         found = level > BRIGHT
         tracked = found and self._tracked and pose is not None and not self.recognition_only
         self._tracked = found and pose is not None

@@ -31,7 +31,7 @@ def command(bag: Path, output: Path, *options: str) -> list[str]:
 def rows(output: Path) -> list[list[str]]:
     """Return the table without the times."""
     with (output / "estimates.csv").open(newline="") as file:
-        return [row[:-1] for row in csv.reader(file)]
+        return [[*row[:-3], *row[-2:]] for row in csv.reader(file)]
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
