@@ -147,7 +147,8 @@ def test_a_moved_bag_is_named(place: Path, tmp_path: Path) -> None:
     shutil.copytree(place / "out", tmp_path / "out")
     metadata = tmp_path / "out" / "result" / "metadata.yaml"
     text = metadata.read_text()
-    assert f"{BAG_KEY}: {place / 'bag'}" in text
+    assert f"{BAG_KEY}:" in text
+    assert str(place / "bag") in text
     metadata.write_text(text.replace(str(place / "bag"), str(tmp_path / "gone")))
     with pytest.raises(PipelineTrackerError, match="no longer there; name it with --bag"):
         film(tmp_path / "out", tmp_path / "png")

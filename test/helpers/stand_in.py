@@ -63,7 +63,7 @@ class StandIn:
             left_segments=np.array([[1, 2, 30, 40]], np.float32),
             right_segments=np.zeros((0, 4), np.float32),
             # What is made of the images is all that later steps know of them.
-            matches=np.array([[level / 16, 0, 0, 0]][: right is not None], np.float32).reshape(-1, 4),
+            matches=np.full((int(right is not None), 4), [level / 16, 0, 0, 0], np.float32),
             left_thumbnail=thumbnail,
             right_thumbnail=thumbnail if right is not None else np.zeros((0, 0), np.uint8),
         )
