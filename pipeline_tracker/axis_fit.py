@@ -7,10 +7,12 @@ closed-form techniques (4.2.4). All coordinates are in the left optical frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.geometry.bent_axis import nearest_to_point, nearest_to_ray
 from pipeline_tracker.jit import compiled
 
 Array = NDArray[np.float64]
@@ -18,6 +20,10 @@ Array = NDArray[np.float64]
 _PARAMETERS = 6
 # Robust width, in standard deviations: from wide to narrow, so that a start 10 cm off is caught.
 _ANNEALING = (24.0, 12.0, 6.0, 4.0, 4.0, 4.0)
+# The noise is measured by residuals within this width, of at least so many points, and believed
+# between these bounds.
+_TELLING_WIDTH, _TELLING_POINTS = 6.0, 20
+_LEAST_NOISE, _MOST_NOISE = 0.6, 2.5
 # Standard deviation that the prior gives to the bend, 1/m: radii of 20 m are bends, not noise.
 BEND_SIGMA = 0.03
 
@@ -40,6 +46,11 @@ class Axis:
     def straight(cls, point: Array, direction: Array) -> Axis:
         """Return a straight axis; the direction need not have unit length."""
         return cls(point, direction / np.linalg.norm(direction), np.zeros(3))
+
+    @cached_property
+    def rows(self) -> Array:
+        """Point, direction and bend as the (3, 3) that compiled kernels take."""
+        return np.array([self.point, self.direction, self.bend])
 
     def at(self, t: float) -> Array:
         """Return the point of the axis at t, (3,), m."""
@@ -171,19 +182,13 @@ def across(direction: Array, vertical: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _curve(parameters: Array, frame: Array, t: float, point: Array, tangent: Array) -> None:
-    """Fill ``point`` and unit ``tangent`` at t; rows of ``frame``: p, d, left, up, bend."""
-    norm = 0.0
+def _moved_axis(parameters: Array, frame: Array, axis: Array) -> None:
+    """Fill the rows of the axis that parameters make of the start, see ``bent_axis``."""
     for k in range(3):
-        d = frame[1, k] + parameters[2] * frame[2, k] + parameters[3] * frame[3, k]
-        b = frame[4, k] + parameters[4] * frame[2, k] + parameters[5] * frame[3, k]
-        start = frame[0, k] + parameters[0] * frame[2, k] + parameters[1] * frame[3, k]
-        point[k] = start + t * d + 0.5 * t * t * b
-        tangent[k] = d + t * b
-        norm += tangent[k] * tangent[k]
-    norm = np.sqrt(norm)
-    for k in range(3):
-        tangent[k] /= norm
+        left, up = frame[2, k], frame[3, k]
+        axis[0, k] = frame[0, k] + parameters[0] * left + parameters[1] * up
+        axis[1, k] = frame[1, k] + parameters[2] * left + parameters[3] * up
+        axis[2, k] = frame[4, k] + parameters[4] * left + parameters[5] * up
 
 
 @compiled
@@ -214,58 +219,24 @@ def _residuals(
         out: (N + M,), filled.
         jacobian: (6, N + M), filled.
     """
-    x = np.empty(3)
-    d = np.empty(3)
+    axis = np.empty((3, 3))
+    _moved_axis(parameters, frame, axis)
     n = points.shape[0]
     for i in range(n):
-        t = 0.0
-        # The nearest place of a gently bent axis: project on the tangent, twice.
-        for _ in range(2):
-            _curve(parameters, frame, t, x, d)
-            for k in range(3):
-                t += (points[i, k] - x[k]) * d[k]
-        _curve(parameters, frame, t, x, d)
-        along = 0.0
-        square = 0.0
-        left = 0.0
-        up = 0.0
-        for k in range(3):
-            v = points[i, k] - x[k]
-            along += v * d[k]
-            square += v * v
-            left += v * frame[2, k]
-            up += v * frame[3, k]
-        distance = max(1e-9, np.sqrt(max(0.0, square - along * along)))
+        distance, vx, vy, vz, t = nearest_to_point(axis, points[i, 0], points[i, 1], points[i, 2])
+        distance = max(1e-9, distance)
         out[i] = (distance - radius) / point_sigmas[i]
         scale = -1.0 / (distance * point_sigmas[i])
+        left = vx * frame[2, 0] + vy * frame[2, 1] + vz * frame[2, 2]
+        up = vx * frame[3, 0] + vy * frame[3, 1] + vz * frame[3, 2]
         _shifts(jacobian, i, scale * left, scale * up, t)
     for j in range(rays.shape[0]):
-        t = 0.0
-        depth = 0.0
-        for _ in range(3):
-            _curve(parameters, frame, t, x, d)
-            # Nearest places of the ray (unit) and the tangent line.
-            rd = 0.0
-            rw = 0.0
-            dw = 0.0
-            for k in range(3):
-                w = x[k] - origins[j, k]
-                rd += rays[j, k] * d[k]
-                rw += rays[j, k] * w
-                dw += d[k] * w
-            slope = max(1e-9, 1.0 - rd * rd)
-            t += (rd * rw - dw) / slope
-            depth = (rw - rd * dw) / slope
-        _curve(parameters, frame, t, x, d)
-        mx = rays[j, 1] * d[2] - rays[j, 2] * d[1]
-        my = rays[j, 2] * d[0] - rays[j, 0] * d[2]
-        mz = rays[j, 0] * d[1] - rays[j, 1] * d[0]
+        aside, depth, t, mx, my, mz = nearest_to_ray(
+            axis, origins[j, 0], rays[j, 0], rays[j, 1], rays[j, 2]
+        )
         norm = max(1e-9, np.sqrt(mx * mx + my * my + mz * mz))
-        aside = (
-            (x[0] - origins[j, 0]) * mx + (x[1] - origins[j, 1]) * my + (x[2] - origins[j, 2]) * mz
-        ) / norm
         reach = max(depth, 0.1) * ray_sigmas[j]
-        out[n + j] = (-sides[j] * aside - radius) / reach
+        out[n + j] = (sides[j] * aside - radius) / reach
         scale = -sides[j] / (norm * reach)
         left = scale * (mx * frame[2, 0] + my * frame[2, 1] + mz * frame[2, 2])
         up = scale * (mx * frame[3, 0] + my * frame[3, 1] + mz * frame[3, 2])
@@ -301,14 +272,96 @@ def _normal_equations(
         for a in range(size):
             wa = w * jacobian[a, i]
             gradient[a] += wa * residuals[i]
-            for b in range(size):
+            for b in range(a + 1):
                 hessian[a, b] += wa * jacobian[b, i]
+    for a in range(size):
+        for b in range(a):
+            hessian[b, a] = hessian[a, b]
 
 
-def _tukey(residuals: Array, width: float) -> Array:
-    inside = np.clip(1.0 - np.square(residuals / width), 0.0, None)
-    weights: Array = np.square(inside)
-    return weights
+@compiled
+def _noise(residuals: Array, weights: Array, width: float, room: Array) -> float:
+    """Measured over assumed noise, by the median; 1 where there is too little to tell."""
+    if width > _TELLING_WIDTH:
+        return 1.0
+    count = 0
+    for i in range(residuals.shape[0]):
+        if weights[i] > 0.0:
+            room[count] = abs(residuals[i])
+            count += 1
+    if count < _TELLING_POINTS:
+        return 1.0
+    return min(max(1.4826 * np.median(room[:count]), _LEAST_NOISE), _MOST_NOISE)
+
+
+@compiled
+def _gauss_newton(
+    frame: Array,
+    radius: float,
+    points: Array,
+    point_sigmas: Array,
+    rays: Array,
+    origins: Array,
+    sides: Array,
+    ray_sigmas: Array,
+    base: Array,
+    information: Array,
+    mean: Array,
+    widths: Array,
+    parameters: Array,
+    hessian: Array,
+    weights: Array,
+) -> float:
+    """Move the parameters step by step, with Tukey's weights of one width after the other.
+
+    Args:
+        frame, radius: see ``_residuals``.
+        points, point_sigmas, rays, origins, sides, ray_sigmas: see ``Evidence``.
+        base: weight of each point and ray before any step, (N + M,).
+        information, mean: of the prior, (6, 6) and (6,).
+        widths: robust widths in standard deviations.
+        parameters: (6,), moved; NaN where the evidence has numbers that are none.
+        hessian: (6, 6), filled: that of the last step.
+        weights: (N + M,), filled: those of the last step, 0 to 1.
+
+    Returns:
+        Measured over assumed noise of the points.
+    """
+    n = points.shape[0]
+    size = base.shape[0]
+    residuals = np.empty(size)
+    jacobian = np.empty((_PARAMETERS, size))
+    scaled = np.empty(size)
+    noise = 1.0
+    for width in widths:
+        _residuals(
+            parameters,
+            frame,
+            radius,
+            points,
+            point_sigmas,
+            rays,
+            origins,
+            sides,
+            ray_sigmas,
+            residuals,
+            jacobian,
+        )
+        for i in range(size):
+            scale = noise if i < n else 1.0
+            ratio = residuals[i] / (scale * width)
+            inside = max(0.0, 1.0 - ratio * ratio)
+            weights[i] = inside * inside
+            scaled[i] = base[i] * weights[i] / (scale * scale)
+        hessian[:] = information
+        gradient = information @ (parameters - mean)
+        _normal_equations(jacobian, residuals, scaled, hessian, gradient)
+        if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
+            parameters[:] = np.nan
+            break
+        parameters -= np.linalg.solve(hessian, gradient)
+        noise = _noise(residuals[:n], weights[:n], width, scaled)
+    return noise
 
 
 def fit_axis(
@@ -340,15 +393,12 @@ def fit_axis(
     prior = prior or Prior.loose(start)
     information = np.diag(1.0 / np.square(prior.sigmas))
     mean = prior.mean(start, left, up)
-    size = evidence.points.shape[0] + evidence.rays.shape[0]
     points = evidence.points.shape[0]
-    parameters = np.zeros(_PARAMETERS)
-    residuals = np.empty(size)
-    jacobian = np.empty((_PARAMETERS, size))
-    weights = np.zeros(size)
-    scale = np.ones(size)
     base = np.concatenate((np.full(points, evidence.point_weight), evidence.ray_weights))
-    arguments = (
+    parameters = np.zeros(_PARAMETERS)
+    hessian = information.copy()
+    weights = np.zeros(len(base))
+    noise = _gauss_newton(
         frame,
         radius,
         evidence.points,
@@ -357,24 +407,18 @@ def fit_axis(
         evidence.origins,
         evidence.sides,
         evidence.ray_sigmas,
+        base,
+        information,
+        mean,
+        np.asarray(widths, np.float64),
+        parameters,
+        hessian,
+        weights,
     )
-    hessian = information.copy()
-    noise = 1.0
-    for width in widths:
-        _residuals(parameters, *arguments, residuals, jacobian)
-        scale[:points] = noise
-        weights = _tukey(residuals / scale, width)
-        hessian = information.copy()
-        gradient = information @ (parameters - mean)
-        _normal_equations(jacobian, residuals, base * weights / np.square(scale), hessian, gradient)
-        parameters = parameters - np.linalg.solve(hessian, gradient)
-        noise = _noise(residuals[:points], weights[:points], width)
-    point, tangent = np.empty(3), np.empty(3)
-    _curve(parameters, frame, 0.0, point, tangent)
-    bend = start.bend + parameters[4] * left + parameters[5] * up
-    bend = bend - tangent * float(np.dot(bend, tangent))
+    rows = np.empty((3, 3))
+    _moved_axis(parameters, frame, rows)
     return AxisFit(
-        axis=Axis(point, tangent, bend),
+        axis=Axis(rows[0], rows[1], rows[2]).moved(0.0),
         covariance=np.asarray(np.linalg.inv(hessian), np.float64),
         left=left,
         up=up,
@@ -382,13 +426,3 @@ def fit_axis(
         point_weights=weights[:points],
         ray_weights=weights[points:],
     )
-
-
-def _noise(residuals: Array, weights: Array, width: float) -> float:
-    """Measured over assumed noise, by the median; 1 where there is too little to tell."""
-    if width > 6.0:
-        return 1.0
-    inside = residuals[weights > 0.0]
-    if inside.size < 20:
-        return 1.0
-    return float(np.clip(1.4826 * np.median(np.abs(inside)), 0.6, 2.5))

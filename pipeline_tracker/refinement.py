@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, fit_axis
-from pipeline_tracker.evidence import exposed_points, gather, nearby
+from pipeline_tracker.evidence import gather, nearby
+from pipeline_tracker.face import exposed_points
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import VectorizedStereo

@@ -13,12 +13,12 @@ from synthetic_world import DOWN, EXACT, LEFT, MONO, RIG, Bed, Diver, Look, Pipe
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.evidence import on_face
+from pipeline_tracker.face import on_face
 from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.plane import plane_cost
 from pipeline_tracker.support import (
     ContourSupport,
     Support,
-    _plane_cost,
     contour_pieces,
     contour_support,
     depth_ratio,
@@ -324,7 +324,7 @@ def test_mismatches_do_not_make_a_plane_worse() -> None:
     flat[:, 2] += 0.01 * rng.standard_normal(300)
     flat[:15, 2] += rng.uniform(-1.5, 3.0, 15)
     rays = flat / np.linalg.norm(flat, axis=1)[:, None]
-    cost = _plane_cost(flat, np.full(300, 0.01), rays)
+    cost = plane_cost(flat, np.full(300, 0.01), rays)
     assert np.mean(cost[15:]) < 0.6
     assert (cost[:15] > 2.0).mean() > 0.8
 

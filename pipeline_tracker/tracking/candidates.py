@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, across
-from pipeline_tracker.candidate_votes import vote
+from pipeline_tracker.candidate_votes import Voters
 from pipeline_tracker.evidence import contour_rays
 from pipeline_tracker.types import VectorizedStereo
 
@@ -35,23 +35,21 @@ def best_candidate(
     Returns:
         The straight axis through C and its total contribution, px.
     """
-    near = _nearby(frame, Axis.straight(start, direction), radius)
-    best = Axis.straight(start, direction)
-    most = float(vote(near, [best], radius)[0])
+    voters = Voters(_nearby(frame, Axis.straight(start, direction), radius))
+    best = direction / np.linalg.norm(direction)
+    most = float(voters.votes(np.concatenate((start, best))[None], radius)[0])
     for half, step in _ROUNDS:
-        centre = best.direction
-        left, up = across(centre, vertical)
+        left, up = across(best, vertical)
         steps = np.tan(np.arange(-half, half + 0.5 * step, step))
-        axes = [
-            Axis.straight(start, centre + heading * left + pitch * up)
-            for heading in steps
-            for pitch in steps
-        ]
-        votes = vote(near, axes, radius)
+        heading, pitch = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps, indexing="ij"))
+        directions = best + heading * left + pitch * up
+        directions /= np.sqrt(np.square(directions).sum(axis=1))[:, None]
+        starts = np.broadcast_to(start, directions.shape)
+        votes = voters.votes(np.hstack((starts, directions)), radius)
         winner = int(np.argmax(votes))
         if votes[winner] > most:
-            best, most = axes[winner], float(votes[winner])
-    return best, most
+            best, most = directions[winner], float(votes[winner])
+    return Axis.straight(start, best), most
 
 
 def _nearby(frame: VectorizedStereo, axis: Axis, radius: float) -> VectorizedStereo:

@@ -1,0 +1,108 @@
+"""Where points and rays are nearest to a bent axis, compiled.
+
+An axis is a (3, 3) array here: the rows p, d and b of its places ``p + t * d + t² / 2 * b``, with t
+in metres along it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.jit import compiled
+
+Array = NDArray[np.float64]
+
+# The nearest place of a gently bent axis is found by its tangent, again from there: at most so
+# often, or until it moves by less than this, m (a distance changes by the square of that).
+_STEPS, _STILL = 3, 1e-6
+
+
+@compiled
+def place_and_tangent(axis: Array, t: float) -> tuple[float, float, float, float, float, float]:
+    """Return the place of an axis at t, m, and its unit tangent there: x y z, dx dy dz."""
+    half = 0.5 * t * t
+    x = axis[0, 0] + t * axis[1, 0] + half * axis[2, 0]
+    y = axis[0, 1] + t * axis[1, 1] + half * axis[2, 1]
+    z = axis[0, 2] + t * axis[1, 2] + half * axis[2, 2]
+    dx = axis[1, 0] + t * axis[2, 0]
+    dy = axis[1, 1] + t * axis[2, 1]
+    dz = axis[1, 2] + t * axis[2, 2]
+    scale = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz)
+    return x, y, z, dx * scale, dy * scale, dz * scale
+
+
+@compiled
+def nearest_to_point(
+    axis: Array, px: float, py: float, pz: float
+) -> tuple[float, float, float, float, float]:
+    """Find the place of an axis nearest to a point.
+
+    Args:
+        axis: see above.
+        px, py, pz: the point, m.
+
+    Returns:
+        The distance, m; the way from that place to the point, x y z, m; t of the place, m.
+    """
+    t = 0.0
+    vx = vy = vz = 0.0
+    along = 0.0
+    for _ in range(_STEPS):
+        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
+        vx = px - x
+        vy = py - y
+        vz = pz - z
+        along = vx * dx + vy * dy + vz * dz
+        t += along
+        if abs(along) < _STILL:
+            break
+    else:
+        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
+        vx = px - x
+        vy = py - y
+        vz = pz - z
+        along = vx * dx + vy * dy + vz * dz
+    distance = np.sqrt(max(0.0, vx * vx + vy * vy + vz * vz - along * along))
+    return distance, vx, vy, vz, t
+
+
+@compiled
+def nearest_to_ray(
+    axis: Array, offset: float, rx: float, ry: float, rz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Find the place of an axis nearest to a ray of a camera.
+
+    Args:
+        axis: see above.
+        offset: x of the camera's centre, m; its y and z are 0.
+        rx, ry, rz: unit direction of the ray.
+
+    Returns:
+        The distance, m, positive where the ray passes to the right of the axis as seen along
+        travel; the depth along the ray, m; t of the place, m; the ray's cross product with the
+        unit tangent there, x y z.
+    """
+    t = 0.0
+    depth = 0.0
+    wx = wy = wz = 0.0
+    dx = dy = dz = 0.0
+    for k in range(_STEPS + 1):
+        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
+        wx = x - offset
+        wy = y
+        wz = z
+        rd = rx * dx + ry * dy + rz * dz
+        rw = rx * wx + ry * wy + rz * wz
+        dw = dx * wx + dy * wy + dz * wz
+        slope = 1.0 / max(1e-9, 1.0 - rd * rd)
+        depth = (rw - rd * dw) * slope
+        step = (rd * rw - dw) * slope
+        if k == _STEPS or abs(step) < _STILL:
+            break
+        t += step
+    mx = ry * dz - rz * dy
+    my = rz * dx - rx * dz
+    mz = rx * dy - ry * dx
+    norm = max(1e-9, np.sqrt(mx * mx + my * my + mz * mz))
+    return -(wx * mx + wy * my + wz * mz) / norm, depth, t, mx, my, mz
