@@ -132,10 +132,12 @@ def _views(frame: VectorizedStereo) -> Iterator[tuple[Camera, Float32Array]]:
 
 
 @compiled
-def _unit_ray(segment: Float32Array, end: int, camera: Array) -> tuple[float, float, float]:
-    """Return the unit direction, x y z, of an end (0, 1) of a segment."""
-    x = (np.float64(segment[2 * end]) - camera[2]) / camera[0]
-    y = (np.float64(segment[2 * end + 1]) - camera[3]) / camera[1]
+def _unit_ray(
+    segments: Float32Array, i: int, end: int, camera: Array
+) -> tuple[float, float, float]:
+    """Return the unit direction, x y z, of an end (0, 1) of segment i."""
+    x = (np.float64(segments[i, 2 * end]) - camera[2]) / camera[0]
+    y = (np.float64(segments[i, 2 * end + 1]) - camera[3]) / camera[1]
     scale = 1.0 / np.sqrt(x * x + y * y + 1.0)
     return x * scale, y * scale, scale
 
@@ -162,7 +164,7 @@ def _segments_near(
     for i in range(segments.shape[0]):
         mask[i] = True
         for end in range(2):
-            rx, ry, rz = _unit_ray(segments[i], end, camera)
+            rx, ry, rz = _unit_ray(segments, i, end, camera)
             aside, depth, _, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
             if not abs(abs(aside) - radius) < _REACH + reach * abs(depth) / camera[0]:
                 mask[i] = False
@@ -206,7 +208,7 @@ def _contour_rays(
     for i in range(segments.shape[0]):
         first = 0.0
         for end in range(2):
-            rx, ry, rz = _unit_ray(segments[i], end, camera)
+            rx, ry, rz = _unit_ray(segments, i, end, camera)
             aside, depth, t, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
             off = (abs(aside) - radius) * camera[0] / max(depth, 0.05)
             # The cheapest question first: most segments are far from the contour.

@@ -16,11 +16,11 @@ _ROUNDING = 1e-6
 
 @compiled
 def _interval_on(
-    segment: Float32Array, x0: float, y0: float, ux: float, uy: float, length: float
+    segments: Float32Array, i: int, x0: float, y0: float, ux: float, uy: float, length: float
 ) -> tuple[float, float]:
-    """Return where a segment projects on a finite line: from, to, px; empty where to <= from."""
-    a = (segment[0] - x0) * ux + (segment[1] - y0) * uy
-    b = (segment[2] - x0) * ux + (segment[3] - y0) * uy
+    """Return where segment i projects on a finite line: from, to, px; empty where to <= from."""
+    a = (segments[i, 0] - x0) * ux + (segments[i, 1] - y0) * uy
+    b = (segments[i, 2] - x0) * ux + (segments[i, 3] - y0) * uy
     if a > b:
         a, b = b, a
     return max(a, 0.0), min(b, length)
@@ -28,17 +28,19 @@ def _interval_on(
 
 @compiled
 def _contribute(
-    segment: Float32Array,
+    segments: Float32Array,
+    i: int,
     line: Array,
     along: tuple[float, float, float],
     distance: float,
     least_cosine: float,
     cells: Array,
 ) -> float:
-    """Let a segment contribute to the places of a line where it is better than those before it.
+    """Let segment i contribute to the places of a line where it is better than those before it.
 
     Args:
-        segment: (4,) px.
+        segments: (N, 4), px.
+        i: which of them.
         line: see ``line_support``.
         along: unit direction of the line, x y, and its length, px.
         distance: R, px.
@@ -50,17 +52,17 @@ def _contribute(
     """
     x0, y0 = line[0], line[1]
     ux, uy, length = along
-    mx = 0.5 * (segment[0] + segment[2]) - x0
-    my = 0.5 * (segment[1] + segment[3]) - y0
+    mx = 0.5 * (segments[i, 0] + segments[i, 2]) - x0
+    my = 0.5 * (segments[i, 1] + segments[i, 3]) - y0
     r = abs(mx * uy - my * ux)
     if not r <= distance:
         return 0.0
-    sx = segment[2] - segment[0]
-    sy = segment[3] - segment[1]
+    sx = segments[i, 2] - segments[i, 0]
+    sy = segments[i, 3] - segments[i, 1]
     own = np.sqrt(sx * sx + sy * sy)
     if not (own > 0.0 and abs(sx * ux + sy * uy) >= least_cosine * own):
         return 0.0
-    low, high = _interval_on(segment, x0, y0, ux, uy, length)
+    low, high = _interval_on(segments, i, x0, y0, ux, uy, length)
     if not high > low:
         return 0.0
     value = 1.0 - r / distance
@@ -110,7 +112,7 @@ def line_support(
     scratch[: int(along[2]) + 1] = 0.0
     total = 0.0
     for i in range(segments.shape[0]):
-        total += _contribute(segments[i], line, along, distance, np.cos(angle), scratch)
+        total += _contribute(segments, i, line, along, distance, np.cos(angle), scratch)
     return total, along[2]
 
 
@@ -163,7 +165,7 @@ def support_of_sorted(
             continue
         i = np.searchsorted(angles, low)
         while i < angles.shape[0] and angles[i] <= high:
-            total += _contribute(segments[i], line, along, distance, least_cosine, scratch)
+            total += _contribute(segments, i, line, along, distance, least_cosine, scratch)
             i += 1
     return total
 

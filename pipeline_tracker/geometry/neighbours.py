@@ -30,22 +30,36 @@ def neighbours(places: Array, chosen: Indices, count: int) -> Indices:
     cell = float(np.sqrt(_PER_CELL * width * height / len(places)))
     cell = max(cell, max(width, height) / _MOST_CELLS, 1e-9)
     columns, rows = int(width / cell) + 1, int(height / cell) + 1
-    of_place = np.empty(len(places), np.int64)
-    _cells_of(places, corner, cell, columns, of_place)
-    order = np.argsort(of_place, kind="stable")
-    starts = np.searchsorted(of_place[order], np.arange(columns * rows + 1))
+    of_place, order = np.empty(len(places), np.int64), np.empty(len(places), np.int64)
+    starts = np.zeros(columns * rows + 1, np.int64)
+    _sort_by_cell(places, corner, cell, columns, of_place, order, starts)
     found = np.empty((len(chosen), count), np.int64)
     _search(places, chosen, of_place, order, starts, columns, cell, found)
     return found
 
 
 @compiled
-def _cells_of(places: Array, corner: Array, cell: float, columns: int, out: Indices) -> None:
-    """Fill the number of each place's cell, (N,)."""
+def _sort_by_cell(
+    places: Array,
+    corner: Array,
+    cell: float,
+    columns: int,
+    of_place: Indices,
+    order: Indices,
+    starts: Indices,
+) -> None:
+    """Sort places by their cells, by counting; see ``_search``. ``starts`` comes in as zeros."""
     for i in range(places.shape[0]):
         column = int((places[i, 0] - corner[0]) / cell)
         row = int((places[i, 1] - corner[1]) / cell)
-        out[i] = row * columns + column
+        of_place[i] = row * columns + column
+        starts[of_place[i] + 1] += 1
+    for k in range(1, starts.shape[0]):
+        starts[k] += starts[k - 1]
+    filled = starts.copy()
+    for i in range(places.shape[0]):
+        order[filled[of_place[i]]] = i
+        filled[of_place[i]] += 1
 
 
 @compiled
@@ -88,22 +102,22 @@ def _search(
                     if not (edge or abs(c - column) == ring):
                         continue
                     for k in range(starts[r * columns + c], starts[r * columns + c + 1]):
-                        _insert(places, i, order[k], squares, found[j])
+                        _insert(places, i, order[k], squares, found, j)
 
 
 @compiled
-def _insert(places: Array, i: int, other: int, squares: Array, found: Indices) -> None:
-    """Put another place among the nearest of place i, if it is one of them."""
+def _insert(places: Array, i: int, other: int, squares: Array, found: Indices, j: int) -> None:
+    """Put another place among the nearest of place i, row j, if it is one of them."""
     if other == i:
         return
     x, y = places[other, 0] - places[i, 0], places[other, 1] - places[i, 1]
     square = x * x + y * y
     k = squares.shape[0] - 1
-    if not square < squares[k]:
+    if not square <= squares[k]:
         return
-    while k > 0 and square < squares[k - 1]:
+    while k > 0 and square <= squares[k - 1]:
         squares[k] = squares[k - 1]
-        found[k] = found[k - 1]
+        found[j, k] = found[j, k - 1]
         k -= 1
     squares[k] = square
-    found[k] = other
+    found[j, k] = other
