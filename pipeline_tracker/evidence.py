@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 _POINT_WEIGHT = 0.65
 # How far a rough axis may be from the fit, m, and how far from it segments are looked at, px.
 _REACH, _REACH_PIXELS = 0.25, 20.0
+# Largest angle of a segment to the contour, rad; its ends may always be so differently far from it,
+# px.
+ANGLE, _SLACK = 0.12, 1.5
 # Standard deviation of a segment's place, px of an image 1200 px wide.
 EDGE_SIGMA = 1.5
 # Length of contour that counts as one independent sight of it, px at 1200 px width.
@@ -188,46 +191,51 @@ def _contour_rays(
     gate: float,
     angle: float,
     span: float,
-    slack: float,
+    begin: int,
     rays: Array,
     sides: Array,
-    lengths: Array,
+    weights: Array,
 ) -> int:
-    """Fill the first rows with what ``contour_rays`` finds, and each end's segment's length, px.
+    """Fill rows from ``begin`` on with what ``contour_rays`` finds.
 
     Args:
         segments, radius, gate, angle, span: see there.
         camera, axis: numbers and rows.
-        slack: the ends of a segment may always differ so much in their distance, px.
-        rays, sides, lengths: (2 N, 3), (2 N,) and (2 N,).
+        begin: the first row to fill.
+        rays, sides, weights: (.., 3), (..) and (..), with room for both ends of all segments.
 
     Returns:
-        How many rows.
+        The row after the last that is filled.
     """
-    count = 0
+    scale = camera[4] / REFERENCE_WIDTH
+    sums = np.zeros(2)
+    row = begin
     for i in range(segments.shape[0]):
         first = 0.0
         for end in range(2):
             rx, ry, rz = _unit_ray(segments, i, end, camera)
             aside, depth, t, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
             off = (abs(aside) - radius) * camera[0] / max(depth, 0.05)
-            # The cheapest question first: most segments are far from the contour.
+            # Most segments are far from the contour with their first end.
             if not (abs(off) < gate and depth > 0.0 and abs(t) < span):
                 break
-            row = count + end
-            rays[row, 0], rays[row, 1], rays[row, 2] = rx, ry, rz
-            sides[row] = 1.0 if aside > 0.0 else -1.0
+            rays[row + end, 0], rays[row + end, 1], rays[row + end, 2] = rx, ry, rz
+            sides[row + end] = 1.0 if aside > 0.0 else -1.0
             if end == 0:
                 first = off
                 continue
             dx = np.float64(segments[i, 2]) - segments[i, 0]
             dy = np.float64(segments[i, 3]) - segments[i, 1]
             length = np.sqrt(dx * dx + dy * dy)
-            same = sides[row] == sides[count]
-            if same and abs(first - off) < max(np.sin(angle) * length, slack):
-                lengths[count] = lengths[row] = length
-                count += 2
-    return count
+            # The ends of a segment may always differ by a little.
+            steepest = max(np.sin(angle) * length, _SLACK * max(1.0, scale))
+            if sides[row] == sides[row + 1] and abs(first - off) < steepest:
+                weights[row] = weights[row + 1] = length / (2.0 * EDGE_SAMPLE * scale)
+                sums[int(sides[row] > 0.0)] += 2.0 * weights[row]
+                row += 2
+    for k in range(begin, row):
+        weights[k] *= min(1.0, MOST_SAMPLES / max(sums[int(sides[k] > 0.0)], 1e-9))
+    return row
 
 
 def contour_rays(
@@ -236,7 +244,7 @@ def contour_rays(
     axis: Axis,
     radius: float,
     gate: float,
-    angle: float = 0.12,
+    angle: float = ANGLE,
     span: float = SPAN,
 ) -> tuple[Array, Array, Array]:
     """Find the segments that lie along the predicted contours of an axis.
@@ -255,7 +263,7 @@ def contour_rays(
         -1 left and +1 right, and weights (2 K,).
     """
     ends = 2 * segments.shape[0]
-    rays, side, length = np.empty((ends, 3)), np.empty(ends), np.empty(ends)
+    rays, sides, weights = np.empty((ends, 3)), np.empty(ends), np.empty(ends)
     count = _contour_rays(
         np.ascontiguousarray(segments, np.float32),
         camera.numbers,
@@ -264,16 +272,12 @@ def contour_rays(
         gate,
         angle,
         span,
-        1.5 * _scale(camera),
+        0,
         rays,
-        side,
-        length,
+        sides,
+        weights,
     )
-    rays, side = rays[:count], side[:count]
-    weight = length[:count] / (2.0 * EDGE_SAMPLE * camera.width / REFERENCE_WIDTH)
-    for own in (side < 0, side > 0):
-        weight[own] *= min(1.0, MOST_SAMPLES / max(float(weight[own].sum()), 1e-9))
-    return rays, side, weight
+    return rays[:count], sides[:count], weights[:count]
 
 
 def gather(
@@ -293,23 +297,35 @@ def gather(
         gate: largest distance of a segment from the predicted contour, px at 1200 px width.
     """
     points, point_sigmas = face_evidence(surface, frame.rig.left, axis, radius)
-    rays, origins, sides, weights, sigmas = [], [], [], [], []
+    ends = 2 * (len(frame.left_segments) + len(frame.right_segments))
+    rays, sides, weights = np.empty((ends, 3)), np.empty(ends), np.empty(ends)
+    origins, sigmas = np.zeros((ends, 3)), np.empty(ends)
+    begin = 0
     for view, found in _views(frame):
-        scaled = gate * view.width / REFERENCE_WIDTH
-        r, s, w = contour_rays(found, view, axis, radius, max(scaled, 2.0))
-        rays.append(r)
-        sides.append(s)
-        weights.append(w)
-        origins.append(np.broadcast_to(view.centre, r.shape))
-        sigma = max(EDGE_SIGMA * view.width / REFERENCE_WIDTH, 0.6) / view.fx
-        sigmas.append(np.full(len(r), sigma))
+        scale = view.width / REFERENCE_WIDTH
+        end = _contour_rays(
+            found,
+            view.numbers,
+            axis.rows,
+            radius,
+            max(gate * scale, 2.0),
+            ANGLE,
+            SPAN,
+            begin,
+            rays,
+            sides,
+            weights,
+        )
+        origins[begin:end, 0] = view.offset
+        sigmas[begin:end] = max(EDGE_SIGMA * scale, 0.6) / view.fx
+        begin = end
     return Evidence(
         points=points,
         point_sigmas=point_sigmas,
-        rays=np.concatenate(rays),
-        origins=np.concatenate(origins),
-        sides=np.concatenate(sides),
-        ray_sigmas=np.concatenate(sigmas),
-        ray_weights=np.concatenate(weights),
+        rays=rays[:begin],
+        origins=origins[:begin],
+        sides=sides[:begin],
+        ray_sigmas=sigmas[:begin],
+        ray_weights=weights[:begin],
         point_weight=_POINT_WEIGHT,
     )

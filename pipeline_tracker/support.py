@@ -329,16 +329,34 @@ def seen_lines(support: Support) -> tuple[Contours, Float32Array]:
 
 def _nearest_line(pieces: Array) -> Array:
     """Return the straight line (4,) nearest to a broken one, (K, 4), as long as it."""
-    ends = np.concatenate((pieces[0, :2], pieces[-1, 2:]))
-    if len(pieces) == 1:
-        return ends
-    starts, ways = pieces[:, :2], pieces[:, 2:] - pieces[:, :2]
-    shares = (np.arange(5) + 0.5) / 5.0
-    points = (starts[:, None] + shares[:, None] * ways[:, None]).reshape(-1, 2)
-    weights = np.repeat(np.linalg.norm(ways, axis=1), len(shares))
-    # By the coordinate along which it runs, so that it ends where the contour leaves the picture.
-    along = int(abs(ends[3] - ends[1]) > abs(ends[2] - ends[0]))
-    slope, level = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(weights))
-    line = ends.copy()
-    line[1 - along], line[3 - along] = slope * ends[along] + level, slope * ends[2 + along] + level
+    line = np.concatenate((pieces[0, :2], pieces[-1, 2:]))
+    if len(pieces) > 1:
+        _straighten(pieces, line)
     return line
+
+
+@compiled
+def _straighten(pieces: Array, line: Array) -> None:
+    """Move the ends of a line, (4,), to the least squares of pieces, (K, 4), by their length."""
+    # By the coordinate along which it runs, so that it ends where the contour leaves the picture.
+    along = 1 if abs(line[3] - line[1]) > abs(line[2] - line[0]) else 0
+    total = 0.0
+    sx = sy = sxx = sxy = 0.0
+    for k in range(pieces.shape[0]):
+        x0, y0 = pieces[k, along] - line[along], pieces[k, 1 - along]
+        dx, dy = (
+            pieces[k, 2 + along] - pieces[k, along],
+            pieces[k, 3 - along] - pieces[k, 1 - along],
+        )
+        w = np.sqrt(dx * dx + dy * dy)
+        for j in range(5):
+            x, y = x0 + 0.1 * (2 * j + 1) * dx, y0 + 0.1 * (2 * j + 1) * dy
+            total += w
+            sx += w * x
+            sy += w * y
+            sxx += w * x * x
+            sxy += w * x * y
+    slope = (total * sxy - sx * sy) / (total * sxx - sx * sx)
+    level = (sy - slope * sx) / total
+    line[1 - along] = level
+    line[3 - along] = level + slope * (line[2 + along] - line[along])

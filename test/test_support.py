@@ -19,6 +19,7 @@ from pipeline_tracker.plane import plane_cost
 from pipeline_tracker.support import (
     ContourSupport,
     Support,
+    _nearest_line,
     contour_pieces,
     contour_support,
     depth_ratio,
@@ -346,3 +347,21 @@ def test_a_surface_at_another_scale_leaves_clear_contours_alone() -> None:
     # Not where the contours are faint: then it speaks against the axis.
     faint = replace(frame, left_segments=frame.left_segments[:0])
     assert judge(faint, longer, axis, 0.3).face_points > 0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_line_of_a_bent_contour_is_its_least_squares(turned: bool) -> None:
+    x = np.linspace(100.0, 700.0, 9)
+    knots = np.column_stack((x, 300.0 + 0.2 * x + 1e-4 * np.square(x - 350.0)))
+    if turned:
+        knots = knots[:, ::-1]
+    pieces = np.hstack((knots[:-1], knots[1:]))
+    along = int(turned)
+    # Five points in the middles of fifths of each piece, by its length.
+    shares = np.arange(0.1, 1.0, 0.2)[:, None, None]
+    points = (pieces[:, :2] + shares * (pieces[:, 2:] - pieces[:, :2])).reshape(-1, 2)
+    lengths = np.tile(np.linalg.norm(pieces[:, 2:] - pieces[:, :2], axis=1), 5)
+    fit = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(lengths))
+    line = _nearest_line(pieces).reshape(2, 2)
+    assert np.allclose(line[:, along], [100.0, 700.0])
+    assert np.allclose(line[:, 1 - along], np.polyval(fit, [100.0, 700.0]))

@@ -33,6 +33,17 @@ def place_and_tangent(axis: Array, t: float) -> tuple[float, float, float, float
 
 
 @compiled
+def move_along(axis: Array, t: float, out: Array) -> None:
+    """Fill the rows of the same axis with its origin moved along it to t, and unit direction."""
+    x, y, z, dx, dy, dz = place_and_tangent(axis, t)
+    out[0, 0], out[0, 1], out[0, 2] = x, y, z
+    out[1, 0], out[1, 1], out[1, 2] = dx, dy, dz
+    along = axis[2, 0] * dx + axis[2, 1] * dy + axis[2, 2] * dz
+    for k in range(3):
+        out[2, k] = axis[2, k] - along * out[1, k]
+
+
+@compiled
 def nearest_to_point(
     axis: Array, px: float, py: float, pz: float
 ) -> tuple[float, float, float, float, float]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.recognition.groups import form_groups
 from pipeline_tracker.recognition.hough import HoughLine, hough_lines
 from pipeline_tracker.recognition.techniques import technique2
@@ -24,6 +25,9 @@ REFERENCE_WIDTH = 1200.0
 _NEAREST_RADII, _FURTHEST_DIAMETERS = 1.2, 40.0
 # A strip is called a shadow where it is darker than this share of both its neighbours.
 _SHADOW_SHARE = 0.75
+# ... and its brightness differs by less than this share of it; so many pixels of the thumbnail of
+# it and of each neighbour tell.
+_SHADOW_STRUCTURE, _SHADOW_PIXELS = 0.08, 12
 
 
 def contour_candidates(segments: Float32Array, camera: Camera) -> list[HoughLine]:
@@ -111,20 +115,51 @@ def is_shadow(first: Array, second: Array, thumbnail: Image, shrunk: float) -> b
     """
     if thumbnail.size == 0:
         return False
-    ys, xs = np.mgrid[0 : thumbnail.shape[0], 0 : thumbnail.shape[1]]
-    x, y = (xs + 0.5) * shrunk - 0.5, (ys + 0.5) * shrunk - 0.5
-    a = first[0] * x + first[1] * y + first[2]
-    b = second[0] * x + second[1] * y + second[2]
-    if float(first[:2] @ second[:2]) < 0:
-        b = -b
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    inside = (low < 0) & (high > 0)
-    width = np.median((high - low)[inside]) if inside.any() else 0.0
-    before = (high <= 0) & (high > -0.5 * width)
-    after = (low >= 0) & (low < 0.5 * width)
-    if inside.sum() < 12 or before.sum() < 12 or after.sum() < 12:
+    return _darker_between(first, second, np.ascontiguousarray(thumbnail), shrunk)
+
+
+@compiled
+def _darker_between(first: Array, second: Array, thumbnail: Image, shrunk: float) -> bool:
+    """See ``is_shadow``; the thumbnail is not empty."""
+    sign = -1.0 if first[0] * second[0] + first[1] * second[1] < 0.0 else 1.0
+    rows, columns = thumbnail.shape
+    widths = np.empty(thumbnail.size)
+    inside = 0
+    total = 0.0
+    squares = 0.0
+    for row in range(rows):
+        y = (row + 0.5) * shrunk - 0.5
+        for column in range(columns):
+            x = (column + 0.5) * shrunk - 0.5
+            a = first[0] * x + first[1] * y + first[2]
+            b = sign * (second[0] * x + second[1] * y + second[2])
+            if min(a, b) < 0.0 < max(a, b):
+                value = float(thumbnail[row, column])
+                widths[inside] = abs(a - b)
+                inside += 1
+                total += value
+                squares += value * value
+    if inside < _SHADOW_PIXELS:
         return False
-    strip = thumbnail[inside].astype(np.float64)
-    beside = min(float(np.mean(thumbnail[before])), float(np.mean(thumbnail[after])))
-    structure = float(np.std(strip)) / max(float(np.mean(strip)), 1.0)
-    return float(np.mean(strip)) < _SHADOW_SHARE * beside and structure < 0.08
+    width = np.median(widths[:inside])
+    mean = total / inside
+    before = after = 0
+    dark_before = dark_after = 0.0
+    for row in range(rows):
+        y = (row + 0.5) * shrunk - 0.5
+        for column in range(columns):
+            x = (column + 0.5) * shrunk - 0.5
+            a = first[0] * x + first[1] * y + first[2]
+            b = sign * (second[0] * x + second[1] * y + second[2])
+            low, high = min(a, b), max(a, b)
+            if -0.5 * width < high <= 0.0:
+                before += 1
+                dark_before += thumbnail[row, column]
+            if 0.0 <= low < 0.5 * width:
+                after += 1
+                dark_after += thumbnail[row, column]
+    if before < _SHADOW_PIXELS or after < _SHADOW_PIXELS:
+        return False
+    beside = min(dark_before / before, dark_after / after)
+    structure = np.sqrt(max(0.0, squares / inside - mean * mean)) / max(mean, 1.0)
+    return mean < _SHADOW_SHARE * beside and structure < _SHADOW_STRUCTURE
