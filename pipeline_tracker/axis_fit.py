@@ -6,7 +6,7 @@ closed-form techniques (4.2.4). All coordinates are in the left optical frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -92,18 +92,6 @@ class Evidence:
     ray_sigmas: Array
     ray_weights: Array
     point_weight: float = 1.0
-
-    def only_points(self) -> Evidence:
-        """Return the same without contours."""
-        none = np.zeros(0)
-        return replace(
-            self,
-            rays=np.zeros((0, 3)),
-            origins=np.zeros((0, 3)),
-            sides=none,
-            ray_sigmas=none,
-            ray_weights=none,
-        )
 
 
 @dataclass(frozen=True)

@@ -286,6 +286,8 @@ def gather(
     axis: Axis,
     radius: float,
     gate: float,
+    *,
+    surface_only: bool = False,
 ) -> Evidence:
     """Gather what speaks of an axis near a prediction: points on its face, contours near its own.
 
@@ -295,13 +297,15 @@ def gather(
         axis: the predicted axis.
         radius: m.
         gate: largest distance of a segment from the predicted contour, px at 1200 px width.
+        surface_only: no contours where there are points.
     """
     points, point_sigmas = face_evidence(surface, frame.rig.left, axis, radius)
-    ends = 2 * (len(frame.left_segments) + len(frame.right_segments))
+    views = [] if surface_only and len(points) else list(_views(frame))
+    ends = 2 * sum(len(found) for _, found in views)
     rays, sides, weights = np.empty((ends, 3)), np.empty(ends), np.empty(ends)
     origins, sigmas = np.zeros((ends, 3)), np.empty(ends)
     begin = 0
-    for view, found in _views(frame):
+    for view, found in views:
         scale = view.width / REFERENCE_WIDTH
         end = _contour_rays(
             found,

@@ -66,12 +66,22 @@ def _contribute(
     if not high > low:
         return 0.0
     value = 1.0 - r / distance
-    more = 0.0
-    for k in range(int(low), min(int(high), int(length)) + 1):
-        part = value * (min(high, k + 1.0) - max(low, float(k)))
-        if part > cells[k]:
-            more += part - cells[k]
-            cells[k] = part
+    first, last = int(low), min(int(high), int(length))
+    more = _raise(cells, first, value * (min(high, first + 1.0) - low))
+    for k in range(first + 1, last):
+        more += _raise(cells, k, value)
+    if last > first:
+        more += _raise(cells, last, value * (high - last))
+    return more
+
+
+@compiled
+def _raise(cells: Array, k: int, value: float) -> float:
+    """Raise a cell to a value, if it is below, and return by how much."""
+    more = value - cells[k]
+    if not more > 0.0:
+        return 0.0
+    cells[k] = value
     return more
 
 

@@ -153,16 +153,6 @@ def test_the_origin_stays_abreast_of_the_start() -> None:
     assert (fit.axis.point - cylinder.point) @ cylinder.direction == pytest.approx(0.4, abs=1e-6)
 
 
-def test_only_points_forgets_the_contours() -> None:
-    cylinder = pipe()
-    both = evidence(face(cylinder, 30, np.random.default_rng(1)), contours(cylinder))
-    points = both.only_points()
-    assert len(points.points) == 30
-    sizes = [len(points.rays), len(points.origins), len(points.sides), len(points.ray_weights)]
-    assert sizes == [0, 0, 0, 0]
-    assert len(points.ray_sigmas) == 0
-
-
 # Outliers.
 
 

@@ -15,7 +15,9 @@ Array = NDArray[np.float64]
 
 # The nearest place of a gently bent axis is found by its tangent, again from there: at most so
 # often, or until it moves by less than this, m (a distance changes by the square of that).
-_STEPS, _STILL = 3, 1e-6
+_STEPS, _STILL = 3, 1e-4
+# Below this a ray runs along the axis.
+_ALONG = 1e-9
 
 
 @compiled
@@ -58,24 +60,23 @@ def nearest_to_point(
     """
     t = 0.0
     vx = vy = vz = 0.0
-    along = 0.0
-    for _ in range(_STEPS):
-        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
-        vx = px - x
-        vy = py - y
-        vz = pz - z
+    square = 0.0
+    for k in range(_STEPS + 1):
+        half = 0.5 * t * t
+        vx = px - axis[0, 0] - t * axis[1, 0] - half * axis[2, 0]
+        vy = py - axis[0, 1] - t * axis[1, 1] - half * axis[2, 1]
+        vz = pz - axis[0, 2] - t * axis[1, 2] - half * axis[2, 2]
+        # The tangent, of any length.
+        dx = axis[1, 0] + t * axis[2, 0]
+        dy = axis[1, 1] + t * axis[2, 1]
+        dz = axis[1, 2] + t * axis[2, 2]
         along = vx * dx + vy * dy + vz * dz
-        t += along
-        if abs(along) < _STILL:
+        step = along / (dx * dx + dy * dy + dz * dz)
+        square = vx * vx + vy * vy + vz * vz - along * step
+        if k == _STEPS or abs(step) < _STILL:
             break
-    else:
-        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
-        vx = px - x
-        vy = py - y
-        vz = pz - z
-        along = vx * dx + vy * dy + vz * dz
-    distance = np.sqrt(max(0.0, vx * vx + vy * vy + vz * vz - along * along))
-    return distance, vx, vy, vz, t
+        t += step
+    return np.sqrt(max(0.0, square)), vx, vy, vz, t
 
 
 @compiled
@@ -98,22 +99,29 @@ def nearest_to_ray(
     depth = 0.0
     wx = wy = wz = 0.0
     dx = dy = dz = 0.0
+    square = 1.0
     for k in range(_STEPS + 1):
-        x, y, z, dx, dy, dz = place_and_tangent(axis, t)
-        wx = x - offset
-        wy = y
-        wz = z
+        half = 0.5 * t * t
+        wx = axis[0, 0] + t * axis[1, 0] + half * axis[2, 0] - offset
+        wy = axis[0, 1] + t * axis[1, 1] + half * axis[2, 1]
+        wz = axis[0, 2] + t * axis[1, 2] + half * axis[2, 2]
+        # The tangent, of any length.
+        dx = axis[1, 0] + t * axis[2, 0]
+        dy = axis[1, 1] + t * axis[2, 1]
+        dz = axis[1, 2] + t * axis[2, 2]
+        square = dx * dx + dy * dy + dz * dz
         rd = rx * dx + ry * dy + rz * dz
         rw = rx * wx + ry * wy + rz * wz
         dw = dx * wx + dy * wy + dz * wz
-        slope = 1.0 / max(1e-9, 1.0 - rd * rd)
-        depth = (rw - rd * dw) * slope
+        slope = 1.0 / max(_ALONG, square - rd * rd)
+        depth = (square * rw - rd * dw) * slope
         step = (rd * rw - dw) * slope
         if k == _STEPS or abs(step) < _STILL:
             break
         t += step
-    mx = ry * dz - rz * dy
-    my = rz * dx - rx * dz
-    mz = rx * dy - ry * dx
-    norm = max(1e-9, np.sqrt(mx * mx + my * my + mz * mz))
+    scale = 1.0 / np.sqrt(square)
+    mx = scale * (ry * dz - rz * dy)
+    my = scale * (rz * dx - rx * dz)
+    mz = scale * (rx * dy - ry * dx)
+    norm = max(_ALONG, np.sqrt(mx * mx + my * my + mz * mz))
     return -(wx * mx + wy * my + wz * mz) / norm, depth, t, mx, my, mz

@@ -28,9 +28,11 @@ _CELL_SHARE = 1.0 / 36.0
 # Step between the positions tried across, as a share of r.
 _STEP_SHARE = 0.25
 _KEPT_EACH = 3
-# Of many points every third votes for all directions, but no fewer than this; then all points vote
+# Of many points every fourth votes for all directions, but no fewer than this; then all points vote
 # for the best so many places.
-_COARSE_STEP, _COARSE_POINTS, _FINE = 3, 100, 100
+_COARSE_STEP, _COARSE_POINTS, _FINE = 4, 100, 100
+# Steps between the heights tried, as a share of a point's tolerance.
+_COARSE_WIDTH, _FINE_WIDTH = 0.8, 0.4
 
 
 @compiled
@@ -185,7 +187,7 @@ def _vote_directions(
         out: (A, E, K, 3) filled, see ``_vote_across``.
     """
     n = points.shape[0]
-    width = max(0.4 * np.median(tolerance), 0.01 * radius)
+    width = max(_COARSE_WIDTH * np.median(tolerance), 0.01 * radius)
     table = np.empty((3, max(8, int(4.0 * radius / width))))
     h, slack = np.empty((ups.shape[1], n)), np.empty(n)
     out[:] = 0.0
@@ -220,7 +222,7 @@ def _vote_again(
             position and of those a step beside it.
     """
     n = points.shape[0]
-    width = max(0.4 * np.median(tolerance), 0.01 * radius)
+    width = max(_FINE_WIDTH * np.median(tolerance), 0.01 * radius)
     table = np.empty((3, max(8, int(4.0 * radius / width))))
     heights, slack, room = np.empty(n), np.empty(n), np.empty(32)
     for k in range(found.shape[0]):
