@@ -29,7 +29,7 @@ class HoughLine:
 @compiled
 def _vote(
     middles: Array,
-    ways: Array,
+    normals: Array,
     lengths: Array,
     angle_step: float,
     rho_step: float,
@@ -45,16 +45,16 @@ def _vote(
     angle_cells, rho_cells = table.shape
     half = (rho_cells - 1) // 2
     reach = int(spread / angle_step)
-    normals = np.empty((angle_cells, 2))
+    directions = np.empty((angle_cells, 2))
     for j in range(angle_cells):
-        normals[j, 0], normals[j, 1] = np.cos(j * angle_step), np.sin(j * angle_step)
+        directions[j, 0], directions[j, 1] = np.cos(j * angle_step), np.sin(j * angle_step)
     for i in range(middles.shape[0]):
-        normal = np.arctan2(ways[i, 0], -ways[i, 1]) % np.pi
-        first = int(np.rint(normal / angle_step))
+        x, y = lengths[i] * np.cos(normals[i]), lengths[i] * np.sin(normals[i])
+        first = int(np.rint(normals[i] / angle_step))
         for j in range(first - reach, first + reach + 1):
             cell = j % angle_cells
-            c, s = normals[cell, 0], normals[cell, 1]
-            along = lengths[i] * abs(c * ways[i, 1] - s * ways[i, 0])
+            c, s = directions[cell, 0], directions[cell, 1]
+            along = abs(c * x + s * y)
             rho = middles[i, 0] * c + middles[i, 1] * s
             low = max(int(np.ceil((rho - distance) / rho_step)), -half)
             high = min(int(np.floor((rho + distance) / rho_step)), half)
@@ -191,7 +191,8 @@ def hough_lines(
     rho_step = distance / 3.0
     half = int(np.hypot(width, height) / 2 / rho_step) + 4
     table = np.zeros((angle_cells, 2 * half + 1))
-    _vote(middles, ways, lengths, angle_step, rho_step, spread, distance, table)
+    normals = np.mod(np.arctan2(across[:, 1], across[:, 0]) + np.pi / 2, np.pi)
+    _vote(middles, normals, lengths, angle_step, rho_step, spread, distance, table)
     cells = np.empty((most, 2), np.int64)
     least = least_share * min(width, height)
     count = _peaks(table.copy(), most, least, 3, 5, cells)
