@@ -104,7 +104,7 @@ def test_huge_file(tmp_path: Path) -> None:
         read_manifest(path)
 
 
-@pytest.mark.parametrize("name", ["all", "techniques"])
+@pytest.mark.parametrize("name", ["ablation", "all", "techniques"])
 def test_those_that_come_with_the_package(name: str) -> None:
     path = find_manifest(Path(name))
     plan = make_plan(read_manifest(path), path)
