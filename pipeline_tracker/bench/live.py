@@ -108,6 +108,9 @@ def _live_settings(recording: Recording) -> Any:
         "mode": "stereo",
         "use_sim_time": False,
         "pose.max_speed": 1000.0,
+        # How late an answer is is measured here, and judged by whoever reads it.
+        "output.timeout": 60.0,
+        "image.max_age": 60.0,
     }
     return replace_settings(recording.settings, changes)
 
