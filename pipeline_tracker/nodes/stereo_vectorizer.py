@@ -208,11 +208,11 @@ class StereoVectorizer(PipelineNode):
             frame_id = self.settings.frames.left_optical or str(pair.left.header.frame_id)
             given = (infos.left, infos.right) if images.infos_hold else (None, None)
             message = vectorized_message(self.messages, frame, frame_id, *given)
-            # Before it is known to others: an answer may be quick.
-            self._pictures.take(frame_id, left, right, frame)
             with self._lock:
                 wanted = pair.epoch == self._epoch
                 if wanted:
+                    # Before it is known to others: an answer may be quick.
+                    self._pictures.take(frame_id, left, right, frame)
                     self._vectorized_out.publish(message)
         except Exception as error:  # noqa: BLE001 - one pair is lost, not the node
             self.refused("pair", error, pair.images)
