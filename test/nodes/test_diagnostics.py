@@ -217,7 +217,8 @@ def test_overruns_are_in_the_account_and_so_is_what_is_cut_off(bench: Any) -> No
     account = ledger.account()
     assert account.received == 2 * pairs
     assert account.dropped["deactivated"] == 2 * QUEUE
-    assert account.dropped["result_of_before"] == 2
+    # The pair under way may still have been answered.
+    assert account.processed + account.dropped.get("result_of_before", 0) == 2
 
 
 def test_life_is_told_from_the_start_and_nothing_leaks(bench: Any) -> None:
