@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline_tracker.errors import BagError
+from pipeline_tracker.errors import BagError, PipelineTrackerError
 
 FILE_NAME = "run.json"
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 class RunFacts(BaseModel):
@@ -43,18 +45,35 @@ def read_facts(directory: Path) -> RunFacts | None:
     Raises:
         BagError: it is damaged.
     """
-    path = directory / FILE_NAME
+    return read_document(directory / FILE_NAME, RunFacts, BagError, "replay again")
+
+
+def read_document(
+    path: Path, model: type[_Model], error: type[PipelineTrackerError], advice: str
+) -> _Model | None:
+    """Read a JSON file into its model; None where there is no file.
+
+    Args:
+        path: the file.
+        model: its schema.
+        error: what to raise.
+        advice: what to do where it is damaged, beside deleting it.
+
+    Raises:
+        PipelineTrackerError: an ``error``: it cannot be read, or does not fit the model.
+    """
     try:
-        return RunFacts.model_validate_json(path.read_bytes())
+        return model.model_validate_json(path.read_bytes())
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValidationError as error:
-        first = error.errors()[0]
+    except OSError as reason:
+        raise error(f"{path}: cannot be read ({reason.strerror})") from None
+    except ValidationError as reason:
+        first = reason.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the whole"
-        raise BagError(
-            f"{path}: damaged ({where}: {first['msg']}); delete it or replay again"
+        raise error(
+            f"{path}: damaged or of another version ({where}: {first['msg']}); {advice}, or "
+            "delete it"
         ) from None
 
 

@@ -243,7 +243,7 @@
           anchor: this.bands.length > 1 ? `y${this.bands.length}` : "y", zeroline: false }) };
       grid.xaxis.range = this.range ? [...this.range] : padded(c.t);
       return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes,
-        { margin: { l: narrow() ? 60 : 76, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
+        { margin: { l: narrow() ? 68 : 80, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
     }
 
     add(traces, what, yaxis, first, last) {

@@ -145,7 +145,8 @@ def _frames(main: ET.Element, record: Record) -> None:
         "p",
         "A click chooses a frame, the arrow keys step from picture to picture, with Shift from "
         "frame to frame. Shaded: not valid (lighter, with a dotted edge: carried on by the "
-        "pose alone); bands and ±: 95 %. Drag to zoom, double-click to go back.",
+        "pose alone); bands and ±: 95 %. Drag to zoom (on a phone: the buttons above), "
+        "double-click to go back.",
         class_="hint",
     )
     both = add(section, "div", class_="both")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from pipeline_tracker.errors import EvaluationError
 from pipeline_tracker.evaluation.schema import Evaluation
+from pipeline_tracker.report.facts import read_document
 from pipeline_tracker.report.page import page
 from pipeline_tracker.report.record import Record, read_record
 
@@ -44,19 +43,9 @@ def write_report(directory: Path, evaluation: Evaluation | None = None) -> Path:
 
 def _read_evaluation(record: Record) -> Evaluation | None:
     path = record.directory / _EVALUATION
-    try:
-        evaluation = Evaluation.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
+    evaluation = read_document(path, Evaluation, EvaluationError, "evaluate again")
+    if evaluation is None:
         return None
-    except OSError as error:
-        raise EvaluationError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the whole"
-        raise EvaluationError(
-            f"{path}: damaged or of another version ({where}: {first['msg']}); evaluate again, "
-            "or delete it"
-        ) from None
     stamps = [frame.stamp_ns for frame in evaluation.per_frame]
     if stamps != [int(row["stamp_ns"]) for row in record.rows]:
         raise EvaluationError(

@@ -278,7 +278,7 @@ def test_the_truth_is_shown_where_it_is_known(
         ("estimates.csv", None, "no estimates.csv in it"),
         ("settings.yaml", None, "no settings.yaml in it"),
         ("settings.yaml", "pipe.diameter: wide\n", "pipe.diameter"),
-        ("run.json", "{}", "damaged (version: Field required)"),
+        ("run.json", "{}", "damaged or of another version (version: Field required); replay again"),
         ("evaluation.json", "[", "damaged or of another version"),
         ("result/result.mcap", "short", "result"),
     ],

@@ -4,7 +4,8 @@
 
 repeats the results in DIR (output of `pipeline-tracker replay`) along the pipe, with every output
 written by the code that writes it in a replay, and writes the report. In every thousand frames
-some are lost, one is of low quality.
+some are lost, one is of low quality. Where chromium and chromedriver are installed it tells how
+long the page takes there to be drawn whole, to step to the next picture and to zoom.
 """
 
 from __future__ import annotations
@@ -133,6 +134,48 @@ def make(source: Path, output: Path, count: int) -> None:
     write_facts(output, facts)
 
 
+def browse(page: Path) -> str:
+    """Open the page in headless Chromium; return what that took."""
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    options = webdriver.ChromeOptions()
+    for argument in ("--headless=new", "--disable-gpu", "--no-sandbox", "--window-size=1400,900"):
+        options.add_argument(argument)
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    try:
+        driver.execute_cdp_cmd("Performance.enable", {"timeDomain": "threadTicks"})
+
+        def spent() -> float:
+            metrics = driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+            return next(m["value"] for m in metrics if m["name"] == "TaskDuration")
+
+        def cost(script: str, times: int = 1) -> float:
+            before = spent()
+            for _ in range(times):
+                # The next frame but one is drawn after all that the script has set off.
+                driver.execute_async_script(
+                    f"{script}; const done = arguments[0];"
+                    "requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done)))"
+                )
+            return (spent() - before) / times
+
+        start = time.perf_counter()
+        driver.get(page.resolve().as_uri())
+        drawn = "return document.documentElement.dataset.plots"
+        WebDriverWait(driver, 300, 0.02).until(lambda d: d.execute_script(drawn))
+        wall, cpu = time.perf_counter() - start, spent()
+        step = cost("document.getElementById('on').click()", 10)
+        zoom = cost("Plotly.relayout('timelines', {'xaxis.range': [100, 300]})")
+    finally:
+        driver.quit()
+    return (
+        f"drawn after {wall:.1f} s ({cpu:.1f} s of CPU); CPU of a step {step:.2f} s, "
+        f"of a zoom {zoom:.2f} s"
+    )
+
+
 def main() -> None:
     """Make it, and tell what the report takes."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -147,6 +190,8 @@ def main() -> None:
         f"{page}: {page.stat().st_size / 1e6:.1f} MB, written in "
         f"{time.perf_counter() - start:.1f} s ({time.process_time() - cpu:.1f} s of CPU)"
     )
+    if shutil.which("chromedriver"):
+        print(browse(page))  # noqa: T201
 
 
 if __name__ == "__main__":
