@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -317,3 +318,17 @@ def test_somebody_elses_pictures_are_not_deleted(make: Make, tmp_path: Path) -> 
     replay(bag, settings, output, force=True, make_pipeline=stand_in.StandIn)
     assert kept.read_bytes() == b"mine"
     assert len(list((output / "frames").iterdir())) == 3
+
+
+def test_the_script_that_measures_long_reports_makes_them(make: Make, tmp_path: Path) -> None:
+    spec = spec_from_file_location("long_report", ROOT / "test" / "soak" / "long_report.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = module_from_spec(spec)
+    spec.loader.exec_module(script)
+    script.make(make(Sea(frames=5)), tmp_path / "long", 610)
+    write_report(tmp_path / "long")
+    page = Page.of(tmp_path / "long")
+    assert "The pipe was followed in 603 of 610 frames (99 %)" in page.words
+    assert page.data["lost"] == [[600, 606, 0]]
+    assert 333 in page.data["pictures"]

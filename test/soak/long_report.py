@@ -109,11 +109,12 @@ def make(source: Path, output: Path, count: int) -> None:
     for frame in frames:
         picture = cv2.imread(str(record.pictures[frame["/pipeline/status"].stamp_ns]), 0)
         images.append(np.asarray(cv2.resize(picture, (rig.width, rig.height)), np.uint8))
-    strip = FilmStrip(output / DIRECTORY, mounting_from_settings(record.settings), count)
+    mounting = mounting_from_settings(record.settings)
+    strip = FilmStrip(output / DIRECTORY, mounting, count)
     bed = [(float(row["bed_left"] or 0.3), float(row["bed_right"] or 0.3)) for row in record.rows]
     with (
         EstimatesFile(output / "estimates.csv") as table,
-        ResultBag(output / "result", record.settings, "left_optical") as bag,
+        ResultBag(output / "result", record.settings, "left_optical", mounting, source) as bag,
     ):
         for frame, result, pose, number in repeated(frames, count):
             status, segment = result.tracked.status, result.tracked.segment
@@ -124,7 +125,8 @@ def make(source: Path, output: Path, count: int) -> None:
                     status, segment, state, has_pose=True, processing_ms=50.0, bed=bed[number]
                 ),
             )
-            bag.write(frame, result.vectorized, None, status, segment, state, pose)
+            seen = replace(frame, left=images[number])
+            bag.write(seen, result.vectorized, None, status, segment, state, pose)
             strip.take(images[number], result)
         strip.finish()
     facts = RunFacts(
