@@ -156,6 +156,8 @@ class QosWatch:
 
     def look(self) -> None:
         """Forget the mismatches whose other end has gone or has changed."""
+        if not self._health.mismatches:
+            return
         ends: dict[str, list[Any]] = {}
         here: list[Any] = [*self._node.publishers, *self._node.subscriptions]
         for end in here:
