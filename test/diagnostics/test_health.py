@@ -172,7 +172,7 @@ def test_drops_count_for_ten_seconds_and_all_dropped_is_an_error() -> None:
     health.ledger.dropped("overrun", 2)
     told = health.report()
     assert told.level is Level.WARN
-    assert told.message == "2 of 10 images dropped in the last 1 s, most: overrun"
+    assert told.message == "2 of 10 images dropped in the last 2 s, most: overrun"
     assert dict(told.values)["images dropped: overrun"] == "2"
     for _ in range(9):
         told = health.report()
@@ -191,7 +191,7 @@ def test_lost_messages_mismatches_and_notes() -> None:
     health.report()
     watch.lost += 4
     told = health.report()
-    assert told.message == "4 messages sent but not received in the last 1 s"
+    assert told.message == "4 messages sent but not received in the last 2 s"
     assert told.level is Level.WARN
     health.mismatched("image", "image: reliability does not fit")
     health.note("tracking", "searching", Level.WARN, "searching: pipe_not_found")
