@@ -327,6 +327,14 @@ class AltimeterSettings(Section):
     )
 
 
+class AblationSettings(Section):
+    """Parts of the method that can be left out, to see what each is worth; not for the sea."""
+
+    surface: bool = _setting(True, "Use the surface points; false: contours alone")
+    prior: bool = _setting(True, "Fits know of the prediction by the pose; false: its start alone")
+    shadow_check: bool = _setting(True, "Drop pairs of lines with a shadow between them")
+
+
 class Settings(Section):
     """All settings."""
 
@@ -357,6 +365,7 @@ class Settings(Section):
     altimeter: AltimeterSettings = AltimeterSettings()
     result: ResultSettings = ResultSettings()
     export: ExportSettings = ExportSettings()
+    ablation: AblationSettings = AblationSettings()
 
     @property
     def radius(self) -> float:

@@ -16,6 +16,7 @@ from typing import Any
 
 from rich.console import Console
 
+from pipeline_tracker.benchmark.calibration import valid_frames, write_calibration
 from pipeline_tracker.benchmark.cluster import cluster_pool
 from pipeline_tracker.benchmark.engine import Engine
 from pipeline_tracker.benchmark.lines import Line, make_lines
@@ -91,10 +92,14 @@ def benchmark_command(
             interrupted = _work(engine, pool, shown)
         lines = make_lines(plan, output, engine.outcomes)
         _write(output, lines, path, manifest, shown.details)
+        pictures = write_calibration(valid_frames(plan, output), output)
     console = console or Console()
     print_tables(lines, console)
     console.print(
-        f"written to {output}: {', '.join(FILES)}", highlight=False, markup=False, soft_wrap=True
+        f"written to {output}: {', '.join([*FILES, *(p.name for p in pictures)])}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
     )
     return BenchmarkOutcome(lines, interrupted)
 

@@ -6,7 +6,8 @@ place or shape too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,23 +57,35 @@ def write_plots(evaluation: Evaluation, directory: Path) -> list[Path]:
     Raises:
         EvaluationError: one cannot be written.
     """
+    written = []
+    for name, draw in ((ERRORS, draw_errors), (COVERAGE, draw_coverage), (STATES, draw_states)):
+        save_figure(directory / name, partial(draw, evaluation))
+        written.append(directory / name)
+    return written
+
+
+def save_figure(path: Path, draw: Callable[[Figure], None]) -> None:
+    """Draw a figure in the style of all plots and write it as PNG.
+
+    Args:
+        path: the file.
+        draw: draws into an empty figure.
+
+    Raises:
+        EvaluationError: it cannot be written.
+    """
     import matplotlib as mpl  # noqa: PLC0415 - slow to import, and needed here alone
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    written = []
-    for name, draw in ((ERRORS, draw_errors), (COVERAGE, draw_coverage), (STATES, draw_states)):
-        with mpl.rc_context(_STYLE):
-            figure = Figure(layout="constrained", dpi=120)
-            FigureCanvasAgg(figure)
-            draw(evaluation, figure)
-            path = directory / name
-            try:
-                figure.savefig(path, metadata={"Software": None})
-            except OSError as error:
-                raise EvaluationError(f"{path}: cannot be written ({error.strerror})") from None
-        written.append(path)
-    return written
+    with mpl.rc_context(_STYLE):
+        figure = Figure(layout="constrained", dpi=120)
+        FigureCanvasAgg(figure)
+        draw(figure)
+        try:
+            figure.savefig(path, metadata={"Software": None})
+        except OSError as error:
+            raise EvaluationError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def draw_errors(evaluation: Evaluation, figure: Figure) -> None:
@@ -191,12 +204,19 @@ def draw_coverage(evaluation: Evaluation, figure: Figure) -> None:
         ("heading and pitch", [f.direction_nees for f in valid if f.direction_nees is not None]),
     )
     for axes, (name, nees) in zip(columns, parts, strict=True):
-        _draw_calibration(axes, name, np.array(nees))
+        draw_calibration(axes, name, np.array(nees))
     columns[0].set_ylabel("share of truths inside the region")
     figure.suptitle("Coverage of the published covariance, valid frames")
 
 
-def _draw_calibration(axes: Axes, name: str, nees: Array) -> None:
+def draw_calibration(axes: Axes, name: str, nees: Array) -> None:
+    """Draw the observed over the promised share of truths.
+
+    Args:
+        axes: where to draw.
+        name: of the two numbers whose region it is.
+        nees: their squared errors in units of their covariance, (N,).
+    """
     levels = np.linspace(0.0, 0.999, 200)
     axes.plot([0.0, 1.0], [0.0, 1.0], color=_BLACK, linewidth=0.8, linestyle="--", label="honest")
     axes.set_aspect("equal")

@@ -67,7 +67,8 @@ class Recognizer:
             where the pictures do not bear a pipe.
         """
         none = PipeSegment.none(frame.stamp_ns, self._radius)
-        surface = triangulate(frame.matches, frame.rig)
+        matches = frame.matches if self._settings.ablation.surface else frame.matches[:0]
+        surface = triangulate(matches, frame.rig)
         best = self._best(frame, surface)
         if best is None or refusal(best.support, frame.rig.right is not None):
             return none
@@ -136,6 +137,8 @@ class Recognizer:
         axes: list[Axis] = []
         segments = (frame.left_segments, frame.right_segments)
         thumbnails = (frame.left_thumbnail, frame.right_thumbnail)
+        if not self._settings.ablation.shadow_check:
+            thumbnails = (frame.left_thumbnail[:0], frame.right_thumbnail[:0])
         for number, camera in enumerate(frame.rig.cameras):
             lines = contour_candidates(segments[number], camera)
             pairs = pair_hypotheses(lines, camera, self._radius, thumbnails[number])

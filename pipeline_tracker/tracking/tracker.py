@@ -266,7 +266,8 @@ class Tracker:
     ) -> tuple[_Found | None, str]:
         """Vote over candidates, fit, and judge (4.1, steps 2 to 6)."""
         vertical = self._vertical(pose)
-        surface = triangulate(frame.matches, frame.rig)
+        matches = frame.matches if self._settings.ablation.surface else frame.matches[:0]
+        surface = triangulate(matches, frame.rig)
         if not self._settings.tracking.refine:
             found = self._discrete(frame, surface, predicted, vertical)
             bears = self._bears(found) and support_share(found.support) >= _DISCRETE_SUPPORT
@@ -275,8 +276,9 @@ class Tracker:
             return self._follow_mono(frame, predicted, pose)
         best: _Found | None = None
         reason = "fit_went_astray"
+        prior = predicted.prior() if self._settings.ablation.prior else None
         for start in self._starts(frame, predicted, vertical):
-            fit = refine(frame, surface, start, self._settings.radius, vertical, predicted.prior())
+            fit = refine(frame, surface, start, self._settings.radius, vertical, prior)
             if fit is None:
                 continue
             support = judge(frame, surface, fit.axis, self._settings.radius)

@@ -18,6 +18,8 @@ _HALF, _LEAST_ALIKE = 5, 0.6
 _ROWS, _COLUMNS = 4, 2
 # Points that are looked at, and how many of them must be found.
 _SAMPLE, _LEAST_FOUND = 64, 12
+# Share of those found that must agree to so much, half-size px.
+_LEAST_AGREED, _AGREED = 0.5, 0.75
 
 
 @compiled
@@ -91,11 +93,15 @@ def row_offset(left: Image, right: Image, coarse: Float32Array, side: int, point
         points: (N, 2) int64, x y in the left image; some of them are looked at.
 
     Returns:
-        The median over the patches found; 0 where they are too few.
+        The median over the patches found; 0 where they are too few, or do not agree.
     """
     if not coarse.size or not len(points):
         return 0.0
     some = points[:: max(1, len(points) // _SAMPLE)]
     out = np.empty(len(some))
-    count = _offsets(left, right, coarse, side, some, out)
-    return 2.0 * float(np.median(out[:count])) if count >= _LEAST_FOUND else 0.0
+    found = out[: _offsets(left, right, coarse, side, some, out)]
+    if len(found) < _LEAST_FOUND:
+        return 0.0
+    middle = float(np.median(found))
+    agreed = np.mean(np.abs(found - middle) < _AGREED)
+    return 2.0 * middle if agreed >= _LEAST_AGREED else 0.0

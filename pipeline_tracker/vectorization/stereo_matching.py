@@ -5,7 +5,7 @@ Points are chosen without any prediction, so a pair gives the same matches whate
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,14 +216,6 @@ def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     return _match(levels, patch_weights(), points)
 
 
-def _on_rows(right: Image, apart: int) -> dict[str, Any]:
-    """Return the right image's levels, for a pair whose rows are apart, on the rows of the left."""
-    places = np.clip(np.arange(len(right)) + apart, 0, len(right) - 1)
-    moved = right[places]
-    half = np.ascontiguousarray(shrink(moved, 2))
-    return {"right": smoothed(moved, np.empty(moved.shape, np.float32)), "half_right": half}
-
-
 def match_pair(
     left: Image,
     right: Image,
@@ -257,7 +249,8 @@ def match_pair(
     points = np.concatenate((grid, along))
     apart = row_offset(levels.half_left, levels.half_right, levels.coarse, levels.side, points)
     if round(apart):
-        levels = levels._replace(**_on_rows(right, round(apart)))
+        rows = np.clip(np.arange(height) + round(apart), 0, height - 1)
+        levels = stereo_levels(left, np.ascontiguousarray(right[rows]), workspace)
     if unseen.left is not None:
         points = points[~unseen.left.near(points, factor, _PATCH_REACH)]
     found = match_points(levels, points)

