@@ -15,7 +15,7 @@ from pipeline_tracker.evidence import distances_from_axis, on_face, without_sag
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.settings_io import settings_from_values
 from pipeline_tracker.surface import SurfacePoints, triangulate
-from pipeline_tracker.vectorization.patch_alignment import patch_variance, patch_weights
+from pipeline_tracker.vectorization.patch_alignment import make_patch, patch_variance
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
 from pipeline_tracker.vectorization.working_size import WORKING_WIDTH, working_factor
 
@@ -74,11 +74,13 @@ def test_points_are_as_far_inside_as_patches_are_wide(
 
 
 def test_the_reach_of_a_patch_is_that_of_its_weights() -> None:
-    weights = patch_weights().astype(np.float64)
-    places = np.arange(17) - 8.0
-    squares = np.sum(weights * places[:, None] ** 2) / weights.sum()
+    weights = make_patch().weight.astype(np.float64).reshape(15, 16)
+    assert (weights[:, 15] == 0.0).all()
+    assert np.allclose(weights[:, :15], weights[::-1, 14::-1])
+    places = np.arange(15) - 7.0
+    squares = np.sum(weights[:, :15] * places[:, None] ** 2) / weights.sum()
     assert patch_variance() == pytest.approx(squares)
-    assert math.sqrt(patch_variance()) == pytest.approx(4.0, abs=0.2)
+    assert math.sqrt(patch_variance()) == pytest.approx(3.5, abs=0.1)
 
 
 def test_no_points_stay_none() -> None:

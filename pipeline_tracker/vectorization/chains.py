@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.jit import compiled
+from pipeline_tracker.vectorization.edges import NO_EDGE, STRONG, ridge_offset
 
 Float32Array = NDArray[np.float32]
 
@@ -40,7 +41,7 @@ def _next_pixel(
     for turn in (0, 1, -1, 2, -2):
         k = (heading + turn) & 7
         there = place + steps[k]
-        if ridge[there] != 1:
+        if ridge[there] == NO_EDGE:
             continue
         hx = float(dx[there])
         hy = float(dy[there])
@@ -60,30 +61,17 @@ def _follow(
     heading: int,
     out: NDArray[np.int64],
 ) -> int:
-    """Follow an edge from a pixel, mark its pixels as taken (2), write them to ``out``; flat."""
+    """Follow an edge from a pixel, take its pixels from the ridge to ``out``; flat."""
     count = 0
     while count < out.shape[0]:
         k = _next_pixel(ridge, dx, dy, place, steps, heading)
         if k < 0:
             break
         place += steps[k]
-        ridge[place] = 2
+        ridge[place] = NO_EDGE
         out[count] = place
         count += 1
         heading = k
-    return count
-
-
-@compiled
-def _strong_pixels(
-    ridge: NDArray[np.uint8], magnitude: Float32Array, high: float, found: NDArray[np.int32]
-) -> int:
-    """Fill the flat indices of the edges' pixels above ``high``, in order; return how many."""
-    count = 0
-    threshold = np.float32(high)
-    for i in range(ridge.size):
-        found[count] = i
-        count += (ridge[i] == 1) & (magnitude[i] >= threshold)
     return count
 
 
@@ -116,16 +104,18 @@ def _split(points: Float32Array, tolerance: float, breaks: NDArray[np.int64]) ->
         ux = points[last, 0] - points[first, 0]
         uy = points[last, 1] - points[first, 1]
         norm = np.sqrt(ux * ux + uy * uy)
+        # Where the ends meet there is no chord: distances are then those from the end.
+        closed = norm == 0.0
         worst = -1.0
         where = -1
         for i in range(first + 1, last):
             px = points[i, 0] - points[first, 0]
             py = points[i, 1] - points[first, 1]
-            d = abs(px * uy - py * ux) / norm if norm > 0 else np.sqrt(px * px + py * py)
+            d = px * px + py * py if closed else abs(px * uy - py * ux)
             if d > worst:
                 worst = d
                 where = i
-        if worst > tolerance:
+        if worst > (tolerance * tolerance if closed else tolerance * norm):
             keep[where] = 1
             stack[depth, 0] = first
             stack[depth, 1] = where
@@ -191,26 +181,20 @@ def trace_segments(
     dx: NDArray[np.int16],
     dy: NDArray[np.int16],
     magnitude: Float32Array,
-    offset: Float32Array,
-    high: float,
     tolerance: float,
     min_length: float,
-    strong: NDArray[np.int32],
 ) -> Float32Array:
     """Trace edges into chains and chains into straight segments with sub-pixel ends.
 
-    A chain starts at a pixel above ``high`` and goes on over all edges joined to it (hysteresis);
-    it ends at junctions, because each pixel belongs to one chain.
+    A chain starts at a strong pixel and goes on over all edges joined to it (hysteresis); it ends
+    at junctions, because each pixel belongs to one chain.
 
     Args:
-        ridge: (H, W) uint8, 1 on edges; taken pixels are set to 2.
+        ridge: (H, W) uint8, as ``suppress_non_maxima`` fills it; taken pixels are set to NO_EDGE.
         dx, dy: derivatives, (H, W) int16.
         magnitude: (H, W) float32.
-        offset: (H, W) float32, px from a pixel's centre to the edge along the gradient.
-        high: a chain needs one pixel of this magnitude.
         tolerance: a broken line is split where it deviates by more, px.
         min_length: shorter segments are dropped, px.
-        strong: (H W + 1,) int32, overwritten.
 
     Returns:
         (N, 4) float32, x1 y1 x2 y2, px; the brighter side is to the right of the direction
@@ -228,12 +212,11 @@ def trace_segments(
     one = np.empty(4, np.float32)
     steps = _STEP_Y * width + _STEP_X
     flat, flat_x, flat_y = ridge.ravel(), dx.ravel(), dy.ravel()
-    flat_magnitude, flat_offset = magnitude.ravel(), offset.ravel()
-    for number in range(_strong_pixels(flat, flat_magnitude, high, strong)):
-        start = int(strong[number])
-        if flat[start] != 1:
+    flat_magnitude = magnitude.ravel()
+    for start in range(flat.size):
+        if flat[start] != STRONG:
             continue
-        flat[start] = 2
+        flat[start] = NO_EDGE
         # Along the edge, with the gradient (the brighter side) to the right: image y is down.
         angle = np.arctan2(-float(flat_x[start]), float(flat_y[start]))
         heading = int(np.rint(angle / (np.pi / 4))) & 7
@@ -249,7 +232,8 @@ def trace_segments(
                 place = start
             else:
                 place = ahead[i - n_behind - 1]
-            shift = flat_offset[place] / flat_magnitude[place]
+            shift = ridge_offset(flat_x, flat_y, flat_magnitude, place, width)
+            shift /= flat_magnitude[place]
             points[i, 0] = place % width + shift * flat_x[place]
             points[i, 1] = place // width + shift * flat_y[place]
         corners = _split(points[:n], tolerance, breaks)

@@ -13,23 +13,27 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
+Places = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 # The coarse picture is at most this wide, px; in a smaller one a block holds too much at once.
-_WIDEST = 400
+_WIDEST = 200
 # Disparities are sought up to this share of the width: at 65 degrees of view down to about three
 # baselines away.
 LARGEST_DISPARITY = 0.25
-_BLOCK, _FRACTIONS = 9, 16.0
+_BLOCK, _FRACTIONS = 5, 16.0
 # The grid is this much finer where the surface stands out the most, on this share of the picture.
 _FINER, _RAISED_SHARE = 3, 0.3
 # Heights are averaged over so many coarse pixels.
-_SMOOTH = 7
+_SMOOTH = 5
 
 
 def coarse_side(width: int) -> int:
-    """Return the side of a coarse pixel, px: 2 or 4, for an image of a width, px."""
-    return 2 if width <= 2 * _WIDEST else 4
+    """Return the side of a coarse pixel, px: 2, 4, 8 and so on, for an image of a width, px."""
+    side = 2
+    while width > side * _WIDEST:
+        side *= 2
+    return side
 
 
 def coarse_disparities(left: Image, right: Image) -> Float32Array:
@@ -57,12 +61,12 @@ def coarse_disparities(left: Image, right: Image) -> Float32Array:
     return np.asarray(found, np.float32)
 
 
-def grid_points(width: int, height: int, spacing: int) -> Points:
-    """Return the points of a fixed grid, (N, 2) int64, x y, centred in the image."""
-    xs = np.arange((width % spacing) // 2 + spacing // 2, width, spacing)
-    ys = np.arange((height % spacing) // 2 + spacing // 2, height, spacing)
-    gx, gy = np.meshgrid(xs, ys)
-    return np.stack((gx.ravel(), gy.ravel()), axis=1).astype(np.int64)
+def grid_sides(width: int, height: int, spacing: int) -> tuple[Places, Places]:
+    """Return the columns and the rows of a fixed grid, px, centred in the image."""
+    columns, rows = (
+        np.arange((side % spacing) // 2 + spacing // 2, side, spacing) for side in (width, height)
+    )
+    return columns, rows
 
 
 def chosen_points(disparities: Float32Array, width: int, height: int, spacing: int) -> Points:
@@ -79,22 +83,21 @@ def chosen_points(disparities: Float32Array, width: int, height: int, spacing: i
     Returns:
         (N, 2) int64, x y, px.
     """
-    fine = grid_points(width, height, spacing)
+    xs, ys = grid_sides(width, height, spacing)
+    chosen = np.zeros((len(ys), len(xs)), np.bool_)
+    chosen[1::_FINER, 1::_FINER] = True
     raised = _heights(disparities)
-    side = coarse_side(width)
-    rows = np.minimum(fine[:, 1] // side, disparities.shape[0] - 1)
-    columns = np.minimum(fine[:, 0] // side, disparities.shape[1] - 1)
-    sparse = np.zeros(len(fine), bool)
-    xs, ys = np.unique(fine[:, 0]), np.unique(fine[:, 1])
-    sparse |= np.isin(fine[:, 0], xs[1::_FINER]) & np.isin(fine[:, 1], ys[1::_FINER])
-    dense = np.zeros(len(fine), bool)
-    if raised is not None and len(fine):
-        there = raised[rows, columns]
-        known = np.isfinite(there)
-        if known.any():
-            dense = known & (there >= np.quantile(there[known], 1.0 - _RAISED_SHARE))
-    chosen: Points = fine[sparse | dense]
-    return chosen
+    if raised is not None and chosen.size:
+        side = coarse_side(width)
+        rows = np.minimum(ys // side, disparities.shape[0] - 1)
+        columns = np.minimum(xs // side, disparities.shape[1] - 1)
+        there = raised[np.ix_(rows, columns)]
+        known = there[np.isfinite(there)]
+        if len(known):
+            # NaN is not above.
+            chosen |= there >= np.quantile(known, 1.0 - _RAISED_SHARE)
+    row, column = np.nonzero(chosen)
+    return np.stack((xs[column], ys[row]), axis=1)
 
 
 def _heights(disparities: Float32Array) -> Float32Array | None:
@@ -102,7 +105,7 @@ def _heights(disparities: Float32Array) -> Float32Array | None:
 
     A plane in space is a plane in disparities. NaN where nothing is known.
     """
-    step = 4
+    step = 3
     part = disparities[step // 2 :: step, step // 2 :: step]
     ys, xs = np.nonzero(np.isfinite(part))
     if len(xs) < 20:
@@ -119,10 +122,8 @@ def _heights(disparities: Float32Array) -> Float32Array | None:
         off = values - design @ plane
         spread = max(1.4826 * float(np.median(np.abs(off))), 0.05)
         weights = 1.0 / (1.0 + np.square(off / spread))
-    rows, columns = (np.arange(n) for n in disparities.shape)
-    level = (plane[0] - plane[1] * 0.5 - plane[2] * 0.5) + (
-        plane[1] * columns[None, :] + plane[2] * rows[:, None]
-    ) / step
+    rows, columns = ((np.arange(n) - step // 2) / step for n in disparities.shape)
+    level = plane[0] + plane[1] * columns[None, :] + plane[2] * rows[:, None]
     away = disparities - level.astype(np.float32)
     known = np.isfinite(away).astype(np.float32)
     # Gross mismatches must not pull their neighbours along.

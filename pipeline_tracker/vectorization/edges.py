@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from pipeline_tracker.jit import compiled
 
 Float32Array = NDArray[np.float32]
+Int16Array = NDArray[np.int16]
+
+# What a pixel may be: no edge, one that goes on from another, one that may begin a chain.
+NO_EDGE, WEAK, STRONG = 0, 1, 2
 
 
 @compiled
-def gradient_magnitude(
-    dx: NDArray[np.int16], dy: NDArray[np.int16], magnitude: Float32Array
-) -> None:
+def gradient_magnitude(dx: Int16Array, dy: Int16Array, magnitude: Float32Array) -> None:
     """Fill |gradient| of an image, (H, W) float32, from its derivatives (H, W) int16."""
     height, width = dx.shape
     for y in range(height):
@@ -48,11 +50,11 @@ def magnitude_quantile(magnitude: Float32Array, share: float, step: int) -> floa
 
 @compiled
 def suppress_non_maxima(
-    dx: NDArray[np.int16],
-    dy: NDArray[np.int16],
+    dx: Int16Array,
+    dy: Int16Array,
     magnitude: Float32Array,
     low: float,
-    offset: Float32Array,
+    high: float,
     ridge: NDArray[np.uint8],
 ) -> None:
     """Keep the ridge of the gradient, one pixel wide.
@@ -61,45 +63,63 @@ def suppress_non_maxima(
         dx, dy: derivatives, (H, W) int16.
         magnitude: (H, W) float32.
         low: magnitudes below are no edge.
-        offset: (H, W) float32, filled; where there is an edge: px from the pixel's centre to the
-            ridge along the gradient, -0.5 to 0.5, by a parabola through three magnitudes.
-        ridge: (H, W) uint8, filled: 1 on the ridge, else 0. The border of 2 px is empty.
+        high: magnitudes from here on are strong.
+        ridge: (H, W) uint8, filled with NO_EDGE, WEAK, STRONG. The border of 2 px is empty.
     """
     height, width = magnitude.shape
     ridge[:2] = 0
     ridge[max(height - 2, 0) :] = 0
     ridge[:, :2] = 0
     ridge[:, max(width - 2, 0) :] = 0
-    zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-6)
-    floor = np.float32(low)
+    zero, floor, strong = np.float32(0), np.float32(low), np.float32(high)
     for y in range(2, height - 2):
         above, row, below = magnitude[y - 1], magnitude[y], magnitude[y + 1]
-        # Without a branch, so that several pixels are done at once.
+        # Without a branch or a division, so that several pixels are done at once.
         for x in range(2, width - 2):
             here = row[x]
             gx = np.float32(dx[y, x])
             gy = np.float32(dy[y, x])
-            west, east, north, south = row[x - 1], row[x + 1], above[x], below[x]
-            north_west, north_east = above[x - 1], above[x + 1]
-            south_west, south_east = below[x - 1], below[x + 1]
             ax, ay = abs(gx), abs(gy)
             steep = ay > ax
             falling = gx * gy > zero
-            # Magnitudes one step along the gradient, interpolated between two pixels.
-            w = min(ax, ay) / max(ax, ay, tiny)
-            straight = south if steep else east
-            opposite = north if steep else west
-            diagonal = south_east if falling else (south_west if steep else north_east)
-            antidiagonal = north_west if falling else (north_east if steep else south_west)
-            plus = straight + w * (diagonal - straight)
-            minus = opposite + w * (antidiagonal - opposite)
-            forward = (gy if steep else gx) > zero
-            ahead = plus if forward else minus
-            behind = minus if forward else plus
-            curvature = here + here - ahead - behind
-            step = np.sqrt(one + w * w)
-            part = step * (ahead - behind) / (max(curvature, tiny) * np.float32(2))
+            less, more = min(ax, ay), max(ax, ay)
+            # Magnitudes one step along the gradient, between two pixels: less / more of the way
+            # from the one straight on to the diagonal one. All is multiplied by ``more``.
+            straight = below[x] if steep else row[x + 1]
+            opposite = above[x] if steep else row[x - 1]
+            diagonal = below[x + 1] if falling else (below[x - 1] if steep else above[x + 1])
+            antidiagonal = above[x - 1] if falling else (above[x + 1] if steep else below[x - 1])
+            over_one = more * (here - straight) - less * (diagonal - straight)
+            over_other = more * (here - opposite) - less * (antidiagonal - opposite)
             # ">" on one side and ">=" on the other keep one pixel of a plateau.
-            kept = (here >= floor) & (here > ahead) & (here >= behind)
-            ridge[y, x] = kept
-            offset[y, x] = part
+            kept = (here >= floor) & (over_one > zero) & (over_other >= zero)
+            ridge[y, x] = np.uint8(kept) + np.uint8(kept & (here >= strong))
+
+
+@compiled
+def ridge_offset(
+    dx: Int16Array, dy: Int16Array, magnitude: Float32Array, place: int, width: int
+) -> float:
+    """Return how far a pixel's centre is from the ridge along the gradient, px, -0.5 to 0.5.
+
+    By a parabola through three magnitudes: the pixel's, and those one step ahead and behind.
+
+    Args:
+        dx, dy, magnitude: flat.
+        place: flat index of a pixel of the ridge.
+        width: of a row.
+    """
+    gx = float(dx[place])
+    gy = float(dy[place])
+    along = (1 if gx > 0.0 else -1, width if gy > 0.0 else -width)
+    ax, ay = abs(gx), abs(gy)
+    straight = along[1] if ay > ax else along[0]
+    diagonal = along[0] + along[1]
+    w = min(ax, ay) / max(ax, ay, 1e-6)
+    here = float(magnitude[place])
+    ahead = float(magnitude[place + straight])
+    ahead += w * (float(magnitude[place + diagonal]) - ahead)
+    behind = float(magnitude[place - straight])
+    behind += w * (float(magnitude[place - diagonal]) - behind)
+    curvature = max(here + here - ahead - behind, 1e-6)
+    return float(0.5 * np.sqrt(1.0 + w * w) * (ahead - behind) / curvature)

@@ -6,54 +6,130 @@ off by tenths of a pixel, so the slant is fitted with the disparity.
 
 from __future__ import annotations
 
-import cv2
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.jit import compiled_sums
+from pipeline_tracker.jit import compiled, compiled_sums
 
 Image = NDArray[np.uint8]
+Smooth = NDArray[np.uint16]
 Float32Array = NDArray[np.float32]
 
-# Of the patch: half its size, Gaussian weight (one sigma) and blur of the images, px.
-_HALF, _SIGMA, _BLUR = 8, 4.8, 0.7
-_KERNEL = cv2.getGaussianKernel(7, _BLUR)
+# Of the patch: half its size and Gaussian weight (one sigma), px.
+_HALF, _SIGMA = 7, 5.0
+# A column without weight is added, so that a row is made of whole groups of pixels; those of a
+# group are sampled together.
+_ROWS, _COLUMNS, _GROUP = 2 * _HALF + 1, 2 * _HALF + 2, 4
+_PIXELS = _ROWS * _COLUMNS
 # A step below the first is the last; a last one above the second has not settled.
-_MOST_STEPS, _CONVERGED, _UNSETTLED = 7, 0.04, 0.1
+_MOST_STEPS, _CONVERGED, _UNSETTLED = 7, 0.08, 0.1
 # Farther from its start, or on a surface more slanted, the fit has slid to something else.
 _FARTHEST, _STEEPEST = 1.5, 0.6
 # A weak pull to no slant: a patch with a single edge does not tell.
 _PULL = 1e-3
 
 
+class Patch(NamedTuple):
+    """What a patch's pixels are, row by row, each (15 x 16,) float32.
+
+    Attributes:
+        weight: Gaussian; 0 in the last column.
+        across, down: from the patch's middle, px.
+    """
+
+    weight: Float32Array
+    across: Float32Array
+    down: Float32Array
+
+
+def make_patch() -> Patch:
+    """Return the patch for ``align_patch``."""
+    down, across = np.mgrid[-_HALF : _HALF + 1, -_HALF : _HALF + 2].astype(np.float32)
+    weight = np.exp(-0.5 * (np.square(across) + np.square(down)) / np.float32(_SIGMA**2))
+    weight[:, -1] = 0.0
+    return Patch(weight.ravel(), across.ravel(), down.ravel())
+
+
 def patch_variance() -> float:
     """Return how far from its middle a patch looks: weighted mean square along one side, px²."""
-    off = np.arange(-_HALF, _HALF + 1)
-    weights = patch_weights()[_HALF].astype(np.float64)
-    return float(weights @ np.square(off) / weights.sum())
+    patch = make_patch()
+    weight = patch.weight.astype(np.float64)
+    return float(weight @ np.square(patch.across) / weight.sum())
 
 
-def patch_weights() -> Float32Array:
-    """Return the weights of a patch's pixels for ``align_patch``, (17, 17) float32."""
-    off = np.arange(-_HALF, _HALF + 1, dtype=np.float32)
-    along = np.exp(-0.5 * np.square(off / np.float32(_SIGMA)))
-    return np.ascontiguousarray(np.outer(along, along), np.float32)
-
-
-def smoothed(image: Image, out: Float32Array | None = None) -> Float32Array:
-    """Return an image for ``align_patch``: float32, blurred a little against its noise.
+@compiled
+def smoothed(image: Image, out: Smooth) -> None:
+    """Blur an image a little against its noise, for ``align_patch``: 1 2 1 along both sides.
 
     Args:
         image: (H, W) uint8.
-        out: (H, W) float32 to fill; None: a new array.
+        out: (H, W) uint16, filled with 16 times the blurred grey levels: nothing is rounded.
     """
-    blurred = cv2.sepFilter2D(image, cv2.CV_32F, _KERNEL, _KERNEL, dst=out)
-    return np.asarray(blurred, np.float32)
+    height, width = image.shape
+    column = np.empty(width + 2, np.uint16)
+    for y in range(height):
+        above, row = image[max(y - 1, 0)], image[y]
+        below, line = image[min(y + 1, height - 1)], out[y]
+        for x in range(width):
+            column[x + 1] = np.uint16(above[x]) + np.uint16(2) * np.uint16(row[x]) + below[x]
+        column[0] = column[1]
+        column[width + 1] = column[width]
+        for x in range(width):
+            line[x] = column[x] + np.uint16(2) * column[x + 1] + column[x + 2]
+
+
+@compiled_sums
+def _sample(
+    right: Smooth,
+    x: int,
+    y: int,
+    disparity: np.float32,
+    slant_x: np.float32,
+    slant_y: np.float32,
+    base: np.float32,
+    samples: Float32Array,
+) -> bool:
+    """Fill a patch's grey levels, less ``base``, from where it is seen in the right image.
+
+    Returns:
+        Whether all of it is inside.
+    """
+    two, four, five, three = np.float32(2), np.float32(4), np.float32(5), np.float32(3)
+    a_half = np.float32(0.5)
+    spacing = np.float32(1) - slant_x
+    for j in range(_ROWS):
+        down = np.float32(j - _HALF)
+        begin = np.float32(x - _HALF) - disparity - slant_y * down + slant_x * np.float32(_HALF)
+        end = begin + spacing * np.float32(_COLUMNS - 1)
+        # Written so that NaN is not inside.
+        if not (begin >= np.float32(3) and end < np.float32(right.shape[1] - 5)):
+            return False
+        row = right[y + j - _HALF]
+        for g in range(0, _COLUMNS, _GROUP):
+            first = begin + spacing * np.float32(g)
+            # One whole pixel for all of a group, that of its middle: they are read together, and
+            # the cubic's own interval is left by a part of a pixel at most.
+            whole = int(first - np.float32(0.5 * (_GROUP - 1)) * slant_x)
+            part = first - np.float32(whole)
+            for i in range(_GROUP):
+                f = part - np.float32(i) * slant_x
+                p0 = np.float32(row[whole + i - 1])
+                p1 = np.float32(row[whole + i])
+                p2 = np.float32(row[whole + i + 1])
+                p3 = np.float32(row[whole + i + 2])
+                # Cubic through four pixels: a straight line between two would pull to whole ones.
+                c2 = two * p0 - five * p1 + four * p2 - p3
+                c3 = three * (p1 - p2) + p3 - p0
+                value = p1 + a_half * f * (p2 - p0 + f * (c2 + f * c3))
+                samples[j * _COLUMNS + g + i] = value - base
+    return True
 
 
 @compiled_sums
 def align_patch(
-    left: Float32Array, right: Float32Array, weights: Float32Array, x: int, y: int, start: float
+    left: Smooth, right: Smooth, patch: Patch, x: int, y: int, start: float
 ) -> tuple[float, float]:
     """Fit disparity and slant of a patch; gain and offset of its grey levels are free.
 
@@ -61,8 +137,8 @@ def align_patch(
     patch's own derivatives, so that its normal equations are the same in each step.
 
     Args:
-        left, right: (H, W) float32, slightly blurred.
-        weights: (2 h + 1, 2 h + 1) float32 of the patch's pixels.
+        left, right: (H, W) uint16, slightly blurred.
+        patch: its pixels.
         x, y: the patch's middle in the left image, px.
         start: disparity to start from, px, good to about 1 px.
 
@@ -70,48 +146,56 @@ def align_patch(
         Disparity at the middle, px, and the correlation of the aligned patches; -1 where the patch
         leaves an image, has nothing to align, or the fit does not settle.
     """
-    size = weights.shape[0]
-    half = size // 2
     height, width = left.shape
-    if x < half + 1 or y < half or x >= width - half - 1 or y >= height - half:
+    if x < _HALF + 1 or y < _HALF or x >= width - _HALF - 2 or y >= height - _HALF:
         return start, -1.0
-    two, four, five, three = np.float32(2), np.float32(4), np.float32(5), np.float32(3)
     one, a_half, zero = np.float32(1), np.float32(0.5), np.float32(0)
-    slopes = np.empty((size, size), np.float32)
-    samples = np.empty(size, np.float32)
-    sw = sl = sll = s0 = s1 = s2 = zero
+    arrays = np.empty((6, _PIXELS), np.float32)
+    level, slope, samples = arrays[0], arrays[1], arrays[2]
+    # Slopes by weight; the same times the way from the middle, across and down.
+    t0, t1, t2 = arrays[3], arrays[4], arrays[5]
+    # Sums are of differences from the middle's grey level: float32 holds these better.
+    base = np.float32(left[y, x])
+    for j in range(_ROWS):
+        row = left[y + j - _HALF]
+        for i in range(_COLUMNS):
+            here = x + i - _HALF
+            level[j * _COLUMNS + i] = np.float32(row[here]) - base
+            slope[j * _COLUMNS + i] = a_half * (np.float32(row[here + 1]) - np.float32(row[here - 1]))
+    sw = sl = sll = s0 = s1 = s2 = b0 = b1 = b2 = zero
     h00 = h01 = h02 = h11 = h12 = h22 = zero
-    for j in range(size):
-        row = left[y + j - half]
-        down = np.float32(j - half)
-        for i in range(size):
-            across = np.float32(i - half)
-            level = row[x + i - half]
-            slope = a_half * (row[x + i - half + 1] - row[x + i - half - 1])
-            w = weights[j, i]
-            t = w * slope
-            slopes[j, i] = t
-            sw += w
-            sl += w * level
-            sll += w * level * level
-            s0 += t
-            s1 += t * across
-            s2 += t * down
-            q = t * slope
-            h00 += q
-            h01 += q * across
-            h02 += q * down
-            h11 += q * across * across
-            h12 += q * across * down
-            h22 += q * down * down
+    for n in range(_PIXELS):
+        w, across, down = patch.weight[n], patch.across[n], patch.down[n]
+        sw += w
+        sl += w * level[n]
+        sll += w * level[n] * level[n]
+        u0 = w * slope[n]
+        u1 = u0 * across
+        u2 = u0 * down
+        t0[n], t1[n], t2[n] = u0, u1, u2
+        s0 += u0
+        s1 += u1
+        s2 += u2
+        b0 += u0 * level[n]
+        b1 += u1 * level[n]
+        b2 += u2 * level[n]
+        h00 += u0 * slope[n]
+        h01 += u1 * slope[n]
+        h02 += u2 * slope[n]
+        h11 += u1 * slope[n] * across
+        h12 += u1 * slope[n] * down
+        h22 += u2 * slope[n] * down
     contrast = sll * sw - sl * sl
     if contrast <= zero:
         return start, -1.0
     mean = sl / sw
+    b0 -= mean * s0
+    b1 -= mean * s1
+    b2 -= mean * s2
     h00 -= s0 * s0 / sw
     h01 -= s0 * s1 / sw
     h02 -= s0 * s2 / sw
-    pull = np.float32(_PULL) * np.float32(half * half) * h00
+    pull = np.float32(_PULL) * np.float32(_HALF * _HALF) * h00
     h11 += pull - s1 * s1 / sw
     h12 -= s1 * s2 / sw
     h22 += pull - s2 * s2 / sw
@@ -127,49 +211,24 @@ def align_patch(
     disparity, slant_x, slant_y = np.float32(start), zero, zero
     step, quality = one, -one
     for _ in range(_MOST_STEPS):
-        sv = svv = slv = e0 = e1 = e2 = b0 = b1 = b2 = zero
-        increment = one - slant_x
-        for j in range(size):
-            down = np.float32(j - half)
-            begin = np.float32(x - half) - (disparity + slant_y * down) + slant_x * np.float32(half)
-            if begin < one or begin + increment * np.float32(2 * half) >= width - 2:
-                return start, -1.0
-            row = right[y + j - half]
-            for i in range(size):
-                place = begin + increment * np.float32(i)
-                k = int(place)
-                f = place - np.float32(k)
-                p0 = row[k - 1]
-                p1 = row[k]
-                p2 = row[k + 1]
-                p3 = row[k + 2]
-                # Cubic through four pixels: a straight line between two would pull to whole ones.
-                c2 = two * p0 - five * p1 + four * p2 - p3
-                c3 = three * (p1 - p2) + p3 - p0
-                samples[i] = p1 + a_half * f * (p2 - p0 + f * (c2 + f * c3))
-            row = left[y + j - half]
-            for i in range(size):
-                across = np.float32(i - half)
-                v = samples[i] - mean
-                level = row[x + i - half] - mean
-                wv = weights[j, i] * v
-                sv += wv
-                svv += wv * v
-                slv += wv * level
-                t = slopes[j, i]
-                e = t * v
-                e0 += e
-                e1 += e * across
-                e2 += e * down
-                b = t * level
-                b0 += b
-                b1 += b * across
-                b2 += b * down
+        if not _sample(right, x, y, disparity, slant_x, slant_y, base, samples):
+            return start, -1.0
+        sv = svv = slv = e0 = e1 = e2 = zero
+        for n in range(_PIXELS):
+            v = samples[n]
+            wv = patch.weight[n] * v
+            sv += wv
+            svv += wv * v
+            slv += wv * level[n]
+            e0 += t0[n] * v
+            e1 += t1[n] * v
+            e2 += t2[n] * v
         spread = svv * sw - sv * sv
         if spread <= zero:
             return start, -1.0
-        quality = slv * sw / np.sqrt(contrast * spread)
-        gain = slv * sw / spread
+        common = slv * sw - sl * sv
+        quality = common / np.sqrt(contrast * spread)
+        gain = common / spread
         middle = sv / sw
         r0 = b0 - gain * (e0 - middle * s0)
         r1 = b1 - gain * (e1 - middle * s1)
@@ -187,7 +246,7 @@ def align_patch(
         ):
             return start, -1.0
         # The middle may be right at once, and the slant not yet.
-        turned = a_half * np.float32(half) * (abs(turn_x) + abs(turn_y))
+        turned = a_half * np.float32(_HALF) * (abs(turn_x) + abs(turn_y))
         if abs(step) < np.float32(_CONVERGED) and turned < np.float32(_UNSETTLED):
             break
     # Written so that NaN has not settled.

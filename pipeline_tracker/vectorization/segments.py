@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.vectorization.chains import trace_segments
 from pipeline_tracker.vectorization.edges import (
+    NO_EDGE,
     gradient_magnitude,
     magnitude_quantile,
     suppress_non_maxima,
@@ -21,18 +22,14 @@ Float32Array = NDArray[np.float32]
 # and a lamp's glare then give alike numbers of edges. The lower threshold is a part of the upper.
 _HIGH_QUANTILE = 0.93
 _LOW_PART = 0.45
-# Below this the gradient is the camera's noise (8-bit steps through the smoothing), in units of
-# the Sobel operator.
+# The quantile is that of every third pixel of every third row.
+_SAMPLE = 3
+# Below this the gradient is the camera's noise, in units of the Sobel operator.
 _LEAST_HIGH = 12.0
-# An edge is made of pixels up to so far from it: blur, derivatives and suppression.
+# An edge is made of pixels up to so far from it: derivatives, suppression, sharpening.
 EDGE_REACH = 4
-
-
-def equalize(image: Image, tiles: int = 8, workspace: Workspace | None = None) -> Image:
-    """Even out illumination: contrast-limited adaptive histogram equalisation."""
-    even = (workspace or Workspace()).array("even", image.shape, np.uint8)
-    clahe = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(tiles, tiles))
-    return np.asarray(clahe.apply(image, even), np.uint8)
+# The border of an image has no edges; a smaller one is border all through.
+_LEAST_SIDE = 5
 
 
 def extract_segments(
@@ -42,7 +39,7 @@ def extract_segments(
     workspace: Workspace | None = None,
     blind: NDArray[np.bool_] | None = None,
 ) -> Float32Array:
-    """Vectorize one equalised image at one scale.
+    """Vectorize one image at one scale.
 
     Args:
         image: (H, W) uint8.
@@ -54,20 +51,19 @@ def extract_segments(
     Returns:
         (N, 4) float32, x1 y1 x2 y2, px; the brighter side lies to the right of 1 -> 2.
     """
-    workspace = workspace or Workspace()
-    array, shape = workspace.array, image.shape
-    smooth = cv2.GaussianBlur(image, (5, 5), 1.2, dst=array("smooth", shape, np.uint8))
+    shape = image.shape
+    if min(shape) < _LEAST_SIDE:
+        return np.zeros((0, 4), np.float32)
+    array = (workspace or Workspace()).array
     dx, dy = array("dx", shape, np.int16), array("dy", shape, np.int16)
-    cv2.Sobel(smooth, cv2.CV_16S, 1, 0, dst=dx, ksize=3)
-    cv2.Sobel(smooth, cv2.CV_16S, 0, 1, dst=dy, ksize=3)
-    magnitude, offset = array("magnitude", shape, np.float32), array("offset", shape, np.float32)
-    ridge, strong = array("ridge", shape, np.uint8), array("strong", (image.size + 1,), np.int32)
+    magnitude, ridge = array("magnitude", shape, np.float32), array("ridge", shape, np.uint8)
+    cv2.spatialGradient(image, dx, dy)
     gradient_magnitude(dx, dy, magnitude)
-    high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, 2), _LEAST_HIGH)
-    suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, offset, ridge)
+    high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, _SAMPLE), _LEAST_HIGH)
+    suppress_non_maxima(dx, dy, magnitude, _LOW_PART * high, high, ridge)
     if blind is not None:
-        ridge[blind] = 0
-    return trace_segments(ridge, dx, dy, magnitude, offset, high, tolerance, min_length, strong)
+        ridge[blind] = NO_EDGE
+    return trace_segments(ridge, dx, dy, magnitude, tolerance, min_length)
 
 
 def shrink(image: Image, factor: int) -> Image:
@@ -82,6 +78,17 @@ def shrink(image: Image, factor: int) -> Image:
         return np.zeros((height, width), np.uint8)
     part = image[: height * factor, : width * factor]
     return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def pyramid(image: Image) -> list[Image]:
+    """Return an image, (H, W) uint8, a half of it, a quarter and an eighth, each by averaging.
+
+    A small image may leave nothing of the last.
+    """
+    levels = [image]
+    for _ in range(3):
+        levels.append(shrink(levels[-1], 2))
+    return levels
 
 
 def to_full_size(coordinates: Float32Array, factor: int) -> Float32Array:

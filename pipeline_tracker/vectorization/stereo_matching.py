@@ -5,6 +5,7 @@ Points are chosen without any prediction, so a pair gives the same matches whate
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +18,14 @@ from pipeline_tracker.vectorization.coarse_disparity import (
     coarse_disparities,
     coarse_side,
 )
-from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
+from pipeline_tracker.vectorization.patch_alignment import (
+    Patch,
+    Smooth,
+    align_patch,
+    make_patch,
+    smoothed,
+)
 from pipeline_tracker.vectorization.row_offset import row_offset
-from pipeline_tracker.vectorization.segments import shrink
 from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
@@ -27,7 +33,7 @@ Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
 
 # Half size of the patches at half the size: 11 x 11 px, and how far from the coarse disparity, px.
-_HALF_PATCH, _REACH = 5, 2
+_HALF_PATCH, _REACH = 5, 4
 # Least correlation there, and of the patches once they are aligned at full size.
 _LEAST_COARSE, _LEAST_ALIGNED = 0.35, 0.7
 _MIN_SEGMENT = 40.0
@@ -42,39 +48,37 @@ class StereoLevels(NamedTuple):
     """A pair prepared for matching.
 
     Attributes:
-        left, right: smoothed, full size, (H, W) float32.
+        left, right: smoothed, full size, (H, W) uint16.
         half_left, half_right: at half the size, (H // 2, W // 2) uint8.
         coarse: disparities of coarse pixels, (h, w) float32, coarse px, NaN unknown.
         side: of a coarse pixel, px.
     """
 
-    left: Float32Array
-    right: Float32Array
+    left: Smooth
+    right: Smooth
     half_left: Image
     half_right: Image
     coarse: Float32Array
     side: int
 
 
-def stereo_levels(left: Image, right: Image, workspace: Workspace | None = None) -> StereoLevels:
+def stereo_levels(
+    left: Sequence[Image], right: Sequence[Image], workspace: Workspace | None = None
+) -> StereoLevels:
     """Prepare a rectified pair for matching.
 
     Args:
-        left, right: (H, W) uint8.
+        left, right: pyramids down to coarse pixels: (H, W) uint8, (H // 2, W // 2) and so on.
         workspace: where to compute; None: in new arrays.
     """
     array = (workspace or Workspace()).array
-    half_left, half_right = (np.ascontiguousarray(shrink(image, 2)) for image in (left, right))
-    side = coarse_side(left.shape[1])
-    coarse = coarse_disparities(shrink(half_left, side // 2), shrink(half_right, side // 2))
-    return StereoLevels(
-        smoothed(left, array("smooth_left", left.shape, np.float32)),
-        smoothed(right, array("smooth_right", right.shape, np.float32)),
-        half_left,
-        half_right,
-        coarse,
-        side,
-    )
+    smooth = [array(f"smooth_{name}", left[0].shape, np.uint16) for name in ("left", "right")]
+    for image, out in zip((left[0], right[0]), smooth, strict=True):
+        smoothed(image, out)
+    side = coarse_side(left[0].shape[1])
+    coarse = side.bit_length() - 1
+    disparities = coarse_disparities(left[coarse], right[coarse])
+    return StereoLevels(smooth[0], smooth[1], left[1], right[1], disparities, side)
 
 
 @compiled
@@ -141,7 +145,7 @@ def _half_disparity(left: Image, right: Image, x: int, y: int, middle: int) -> t
 
 
 @compiled
-def _match(levels: StereoLevels, weights: Float32Array, points: Points) -> Float32Array:
+def _match(levels: StereoLevels, patch: Patch, points: Points) -> Float32Array:
     """Match points of the left image in the right one; see ``match_points``."""
     out = np.empty((points.shape[0], 4), np.float32)
     count = 0
@@ -170,7 +174,7 @@ def _match(levels: StereoLevels, weights: Float32Array, points: Points) -> Float
         d, value = _half_disparity(levels.half_left, levels.half_right, xh, yh, middle)
         if value < _LEAST_COARSE:
             continue
-        disparity, value = align_patch(levels.left, levels.right, weights, x, y, 2.0 * d)
+        disparity, value = align_patch(levels.left, levels.right, patch, x, y, 2.0 * d)
         place = x - disparity
         if value < _LEAST_ALIGNED or place < 0.0 or place > width - 1:
             continue
@@ -213,12 +217,12 @@ def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     Returns:
         (M, 4) float32, x_left y_left x_right y_right, px, of those that could be matched.
     """
-    return _match(levels, patch_weights(), points)
+    return _match(levels, make_patch(), points)
 
 
 def match_pair(
-    left: Image,
-    right: Image,
+    left: Sequence[Image],
+    right: Sequence[Image],
     segments: Float32Array,
     spacing: int,
     workspace: Workspace | None = None,
@@ -230,7 +234,7 @@ def match_pair(
     Where the rows of the pair do not agree, ``y_right`` is off ``y_left`` by as much.
 
     Args:
-        left, right: (H, W) uint8.
+        left, right: pyramids, see ``stereo_levels``.
         segments: of the left image, (N, 4) float32, px.
         spacing: of the grid where it is finest, px.
         workspace: where to compute; None: in new arrays.
@@ -241,7 +245,7 @@ def match_pair(
         (M, 4) float32, x_left y_left x_right y_right, px; none where they would be chance.
     """
     levels = stereo_levels(left, right, workspace)
-    height, width = left.shape
+    height, width = left[0].shape
     if unseen.left is not None:
         levels.coarse[unseen.left.grown(levels.side * factor, 0)] = np.nan
     grid = chosen_points(levels.coarse, width, height, spacing)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pipeline_tracker.vectorization.chains import _fit, _split, trace_segments
+from pipeline_tracker.vectorization.edges import NO_EDGE, STRONG, WEAK
 
 Array = NDArray[np.float64]
 
@@ -86,70 +87,69 @@ def edges(height: int = 40, width: int = 60) -> dict[str, NDArray[np.generic]]:
         "ridge": np.zeros((height, width), np.uint8),
         "dx": np.zeros((height, width), np.int16),
         "dy": np.zeros((height, width), np.int16),
-        "offset": np.zeros((height, width), np.float32),
     }
 
 
-def trace(
-    picture: dict[str, NDArray[np.generic]], high: float = 100.0, min_length: float = 10.0
-) -> NDArray[np.float32]:
-    magnitude = np.hypot(picture["dx"].astype(np.float64), picture["dy"].astype(np.float64)).astype(
-        np.float32
-    )
+def trace(picture: dict[str, NDArray[np.generic]], min_length: float = 10.0) -> NDArray[np.float32]:
+    dx, dy = picture["dx"], picture["dy"]
+    magnitude = np.hypot(dx.astype(np.float64), dy.astype(np.float64)).astype(np.float32)
     return trace_segments(
         picture["ridge"],  # type: ignore[arg-type]
-        picture["dx"],  # type: ignore[arg-type]
-        picture["dy"],  # type: ignore[arg-type]
+        dx,  # type: ignore[arg-type]
+        dy,  # type: ignore[arg-type]
         magnitude,
-        picture["offset"],  # type: ignore[arg-type]
-        high,
         1.2,
         min_length,
-        np.empty(magnitude.size + 1, np.int32),
     )
 
 
 def test_one_strong_pixel_brings_the_whole_weak_edge() -> None:
     picture = edges()
-    picture["ridge"][20, 10:50] = 1
+    picture["ridge"][20, 10:50] = WEAK
     picture["dy"][20, 10:50] = 60
     assert len(trace(picture)) == 0
-    picture["ridge"][20, 10:50] = 1
-    picture["dy"][20, 33] = 150
+    picture["ridge"][20, 10:50] = WEAK
+    picture["ridge"][20, 33] = STRONG
     # Bright below: seen along 1 -> 2 the brighter side is to the right, so it runs to the right.
     assert trace(picture).tolist() == [[10.0, 20.0, 49.0, 20.0]]
 
 
-def test_the_offset_moves_the_edge_along_the_gradient() -> None:
+def test_the_edge_is_moved_along_the_gradient_to_its_ridge() -> None:
     picture = edges()
-    picture["ridge"][5:35, 30] = 1
-    picture["dx"][5:35, 30] = -120
-    picture["offset"][5:35, 30] = 0.25
-    # Brighter to the left, the edge is moved to it; and it runs down the picture.
-    assert trace(picture).tolist() == [[29.75, 5.0, 29.75, 34.0]]
+    picture["ridge"][5:35, 30] = STRONG
+    # The parabola through 80, 120, 100 has its top a sixth of a pixel to the side of the 100.
+    for column, value in ((29, -100), (30, -120), (31, -80)):
+        picture["dx"][5:35, column] = value
+    # Brighter to the left, the edge runs down the picture.
+    found = trace(picture)
+    assert found[0] == pytest.approx([30.0 - 1.0 / 6.0, 5.0, 30.0 - 1.0 / 6.0, 34.0], abs=1e-5)
+    assert len(found) == 1
 
 
 def test_a_chain_does_not_change_to_the_other_side_of_a_thin_line() -> None:
     # Two edges side by side with opposite gradients: a bright line two pixels wide.
     picture = edges()
-    picture["ridge"][19:21, 10:50] = 1
+    picture["ridge"][19:21, 10:50] = STRONG
     picture["dy"][19, 10:50] = 120
     picture["dy"][20, 10:50] = -120
+    picture["dy"][18, 10:50] = 120
+    picture["dy"][21, 10:50] = -120
     found = sorted(trace(picture).tolist())
-    assert found == [[10.0, 19.0, 49.0, 19.0], [49.0, 20.0, 10.0, 20.0]]
+    assert found == [[10.0, 18.5, 49.0, 18.5], [49.0, 20.5, 10.0, 20.5]]
 
 
 def test_each_pixel_belongs_to_one_chain_so_that_chains_end_at_junctions() -> None:
     # A T: an edge that runs into the middle of another one, gradients 45 degrees apart.
     picture = edges()
-    picture["ridge"][10, 5:55] = 1
+    picture["ridge"][10, 5:55] = STRONG
     picture["dy"][10, 5:55] = 120
     for k in range(1, 25):
-        picture["ridge"][10 + k, 30 + k // 2] = 1
+        picture["ridge"][10 + k, 30 + k // 2] = STRONG
         picture["dx"][10 + k, 30 + k // 2] = 100
         picture["dy"][10 + k, 30 + k // 2] = -100
     found = trace(picture)
     assert len(found) == 2
-    assert (picture["ridge"] != 1).all()
+    assert (picture["ridge"] == NO_EDGE).all()
     level = found[np.abs(found[:, 1] - found[:, 3]) < 0.1]
-    assert level.tolist() == [[5.0, 10.0, 54.0, 10.0]]
+    assert len(level) == 1
+    assert level[0] == pytest.approx([5.0, 10.0, 54.0, 10.0], abs=0.1)

@@ -9,8 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline_tracker.vectorization.edges import (
+    NO_EDGE,
+    STRONG,
+    WEAK,
     gradient_magnitude,
     magnitude_quantile,
+    ridge_offset,
     suppress_non_maxima,
 )
 
@@ -36,11 +40,18 @@ def ridge_of(
     dy: NDArray[np.int16],
     magnitude: NDArray[np.float32],
     low: float,
-    offset: NDArray[np.float32],
+    high: float,
 ) -> NDArray[np.uint8]:
     ridge = np.full(dx.shape, 7, np.uint8)
-    suppress_non_maxima(dx, dy, magnitude, low, offset, ridge)
+    suppress_non_maxima(dx, dy, magnitude, low, high, ridge)
     return ridge
+
+
+def offset_at(
+    dx: NDArray[np.int16], dy: NDArray[np.int16], magnitude: NDArray[np.float32], y: int, x: int
+) -> float:
+    width = dx.shape[1]
+    return ridge_offset(dx.ravel(), dy.ravel(), magnitude.ravel(), y * width + x, width)
 
 
 def test_the_magnitude_is_the_root_of_both_squares() -> None:
@@ -91,15 +102,14 @@ def interpolated(image: NDArray[np.float32], x: float, y: float) -> float:
 def test_suppression_agrees_with_a_slow_reference(seed: int) -> None:
     dx, dy = derivatives(seed)
     magnitude = magnitude_of(dx, dy)
-    offset = np.full(magnitude.shape, 99.0, np.float32)
-    low = 150.0
-    ridge = ridge_of(dx, dy, magnitude, low, offset)
+    low, high = 150.0, 400.0
+    ridge = ridge_of(dx, dy, magnitude, low, high)
     height, width = magnitude.shape
     kept = 0
     for y in range(height):
         for x in range(width):
             if not (2 <= y < height - 2 and 2 <= x < width - 2) or magnitude[y, x] < low:
-                assert ridge[y, x] == 0
+                assert ridge[y, x] == NO_EDGE
                 continue
             # One step along the gradient that ends between two pixels.
             largest = max(abs(float(dx[y, x])), abs(float(dy[y, x])))
@@ -109,13 +119,15 @@ def test_suppression_agrees_with_a_slow_reference(seed: int) -> None:
             behind = interpolated(magnitude, x - step[0], y - step[1])
             if min(abs(here - ahead), abs(here - behind)) < 1e-3:
                 continue
-            assert ridge[y, x] == (here > ahead and here > behind)
+            found = STRONG if here >= high else WEAK
+            assert ridge[y, x] == (found if here > ahead and here > behind else NO_EDGE)
             if ridge[y, x]:
                 kept += 1
                 # Top of the parabola through three magnitudes, a step apart.
                 top = np.polyfit([-1.0, 0.0, 1.0], [behind, here, ahead], 2)
                 place = -top[1] / (2.0 * top[0]) * float(np.hypot(*step))
-                assert offset[y, x] == pytest.approx(place, abs=1e-3)
+                offset = offset_at(dx, dy, magnitude, y, x)
+                assert offset == pytest.approx(place, abs=1e-3)
     assert kept > 20
 
 
@@ -124,9 +136,9 @@ def test_a_plateau_keeps_one_pixel() -> None:
     dx = np.zeros((9, 12), np.int16)
     dx[:, 5:7] = 300
     dy = np.zeros_like(dx)
-    offset = np.zeros(dx.shape, np.float32)
-    ridge = ridge_of(dx, dy, magnitude_of(dx, dy), 100.0, offset)
-    assert ridge[4].sum() == 1
+    magnitude = magnitude_of(dx, dy)
+    ridge = ridge_of(dx, dy, magnitude, 100.0, 400.0)
+    assert ridge[4].sum() == WEAK
     # The edge lies between the two, wherever it is kept.
     x = int(np.argmax(ridge[4]))
-    assert x + offset[4, x] == pytest.approx(5.5)
+    assert x + offset_at(dx, dy, magnitude, 4, x) == pytest.approx(5.5)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pictures import Bar, texture
+from pictures import Bar
 
 from pipeline_tracker.vectorization.segments import (
-    equalize,
     extract_segments,
+    pyramid,
     shrink,
     to_full_size,
 )
@@ -175,15 +175,11 @@ def test_an_edge_found_in_a_shrunk_image_is_at_its_place_in_the_full_one() -> No
     assert off.max() < 0.3
 
 
-def test_equalisation_evens_out_the_light() -> None:
-    ys, xs = np.mgrid[0:160, 0:240].astype(np.float64)
-    pattern = 0.3 * (texture(xs, ys) - 125.0)
-    image = np.asarray(np.clip(40.0 + 0.5 * xs + pattern, 0, 255), np.uint8)
-    even = equalize(image)
-    assert even.dtype == np.uint8
-    assert even.shape == image.shape
-    ramp = [float(part.mean()) for part in np.array_split(image, 6, axis=1)]
-    left = [float(part.mean()) for part in np.array_split(even, 6, axis=1)]
-    assert np.ptp(left) < 0.5 * np.ptp(ramp)
-    # And it shows more of the texture.
-    assert even[:, 100:120].std() > 1.5 * image[:, 100:120].std()
+def test_a_pyramid_halves_three_times() -> None:
+    image = np.random.default_rng(5).integers(0, 256, (45, 67)).astype(np.uint8)
+    levels = pyramid(image)
+    assert [level.shape for level in levels] == [(45, 67), (22, 33), (11, 16), (5, 8)]
+    blocks = image[:40, :64].reshape(5, 8, 8, 8).mean(axis=(1, 3))
+    # Rounded three times.
+    assert np.abs(levels[3] - blocks).max() < 1.0
+    assert [level.shape for level in pyramid(image[:3, :3])][1:] == [(1, 1), (0, 0), (0, 0)]

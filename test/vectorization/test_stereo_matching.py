@@ -11,10 +11,12 @@ from pipeline_tracker.vectorization.coarse_disparity import (
     chosen_points,
     coarse_disparities,
     coarse_side,
-    grid_points,
+    grid_sides,
 )
-from pipeline_tracker.vectorization.patch_alignment import align_patch, patch_weights, smoothed
+from pipeline_tracker.vectorization.patch_alignment import align_patch, make_patch, smoothed
+from pipeline_tracker.vectorization.segments import pyramid
 from pipeline_tracker.vectorization.stereo_matching import (
+    StereoLevels,
     correlation,
     match_pair,
     match_points,
@@ -25,9 +27,18 @@ from pipeline_tracker.vectorization.stereo_matching import (
 Image = NDArray[np.uint8]
 
 
+def levels_of(left: Image, right: Image) -> StereoLevels:
+    return stereo_levels(pyramid(left), pyramid(right))
+
+
+def grid_points(width: int, height: int, spacing: int) -> NDArray[np.int64]:
+    columns, rows = np.meshgrid(*grid_sides(width, height, spacing))
+    return np.stack((columns.ravel(), rows.ravel()), axis=1)
+
+
 def matches_of(left: Image, right: Image, spacing: int = 16) -> NDArray[np.float64]:
     points = grid_points(left.shape[1], left.shape[0], spacing)
-    return match_points(stereo_levels(left, right), points).astype(np.float64)
+    return match_points(levels_of(left, right), points).astype(np.float64)
 
 
 @pytest.mark.parametrize("disparity", [0.0, 0.3, 3.5, 17.25, 42.7, 80.5, 95.9])
@@ -90,7 +101,7 @@ def test_all_places_are_inside_both_pictures() -> None:
     left, right = stereo_pair(90.0)
     ys, xs = np.mgrid[-20:180:3, -20:420:3]
     everywhere = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
-    found = match_points(stereo_levels(left, right), everywhere)
+    found = match_points(levels_of(left, right), everywhere)
     assert found.dtype == np.float32
     assert len(found) > 1000
     for column, size in ((0, 400), (1, 160), (2, 400), (3, 160)):
@@ -104,9 +115,9 @@ def test_tiny_images_are_taken(shape: tuple[int, int]) -> None:
     left, right = (random.integers(0, 255, shape).astype(np.uint8) for _ in range(2))
     ys, xs = np.mgrid[0 : shape[0], 0 : shape[1]]
     points = np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
-    found = match_points(stereo_levels(left, right), points)
+    found = match_points(levels_of(left, right), points)
     assert found.shape[1] == 4
-    assert match_pair(left, right, np.zeros((0, 4), np.float32), 6).shape[1] == 4
+    assert match_pair(pyramid(left), pyramid(right), np.zeros((0, 4), np.float32), 6).shape[1] == 4
     assert np.isfinite(found).all()
 
 
@@ -152,6 +163,10 @@ def wave(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     return 120.0 + sum(18.0 * np.sin(a * x + b * y + c) for a, b, c in waves)
 
 
+def sixteenfold(levels: NDArray[np.float64]) -> NDArray[np.uint16]:
+    return np.asarray(np.rint(16.0 * levels), np.uint16)
+
+
 @pytest.mark.parametrize("slant", [(0.0, 0.0), (0.15, 0.0), (-0.2, 0.1), (0.05, -0.25)])
 @pytest.mark.parametrize("start", [-0.9, 0.0, 0.7])
 def test_a_slanted_patch_is_aligned_to_hundredths(slant: tuple[float, float], start: float) -> None:
@@ -160,31 +175,33 @@ def test_a_slanted_patch_is_aligned_to_hundredths(slant: tuple[float, float], st
     # right(u) = left(x) where u = x - d(x, y); d is a plane through the patch's middle.
     a, b = slant
     source = (xs + disparity - a * x + b * (ys - y)) / (1.0 - a)
-    left = np.float32(wave(xs, ys))
-    right = np.float32(0.7 * wave(source, ys) + 20.0)
-    found, quality = align_patch(left, right, patch_weights(), x, y, disparity + start)
+    left = sixteenfold(wave(xs, ys))
+    right = sixteenfold(0.7 * wave(source, ys) + 20.0)
+    found, quality = align_patch(left, right, make_patch(), x, y, disparity + start)
     assert found == pytest.approx(disparity, abs=0.03)
     assert quality > 0.995
 
 
 def test_a_patch_that_shows_nothing_is_refused() -> None:
-    flat = np.full((60, 120), 90.0, np.float32)
+    flat = np.full((60, 120), 16 * 90, np.uint16)
     ys, xs = np.mgrid[0:60, 0:120].astype(np.float64)
-    textured = np.float32(wave(xs, ys))
+    textured = sixteenfold(wave(xs, ys))
     for pair in ((flat, flat), (flat, textured), (textured, flat)):
-        assert align_patch(*pair, patch_weights(), 70, 30, 20.0)[1] == -1.0
+        assert align_patch(*pair, make_patch(), 70, 30, 20.0)[1] == -1.0
     # At the border, and where its partner is outside.
     for x, y, disparity in ((5, 30, 0.0), (70, 4, 0.0), (30, 30, 25.0), (118, 30, 0.0)):
-        assert align_patch(textured, textured, patch_weights(), x, y, disparity)[1] == -1.0
+        assert align_patch(textured, textured, make_patch(), x, y, disparity)[1] == -1.0
 
 
-def test_smoothing_keeps_the_mean_and_the_size() -> None:
-    image = np.random.default_rng(2).integers(0, 256, (40, 50)).astype(np.uint8)
-    smooth = smoothed(image)
-    assert smooth.shape == image.shape
-    assert smooth.dtype == np.float32
-    assert smooth.mean() == pytest.approx(image.mean(), abs=1.0)
-    assert smooth.std() < image.std()
+@pytest.mark.parametrize("shape", [(40, 50), (1, 1), (1, 30), (2, 3)])
+def test_smoothing_is_that_of_a_slow_reference(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(2).integers(0, 256, shape).astype(np.uint8)
+    image[0, 0] = 255
+    smooth = np.zeros(shape, np.uint16)
+    smoothed(image, smooth)
+    padded = np.pad(image.astype(np.int64), 1, mode="edge")
+    rows = padded[:-2] + 2 * padded[1:-1] + padded[2:]
+    assert (smooth == rows[:, :-2] + 2 * rows[:, 1:-1] + rows[:, 2:]).all()
 
 
 def test_coarse_disparities_reach_the_left_border() -> None:
@@ -201,8 +218,7 @@ def test_points_are_dense_where_the_surface_stands_out() -> None:
     ys, xs = np.mgrid[0:100, 0:150].astype(np.float32)
     bed = np.float32(12.0) + np.float32(0.01) * xs - np.float32(0.02) * ys
     bump = (np.abs(xs - 90) < 12).astype(np.float32)
-    assert coarse_side(600) == 2
-    assert coarse_side(1200) == 4
+    assert [coarse_side(width) for width in (1, 400, 401, 800, 1200, 1600)] == [2, 2, 4, 4, 8, 8]
     points = chosen_points(bed + 3 * bump, 300, 200, 7)
     raised = np.abs(points[:, 0] / 2 - 90) < 12
     area = 24.0 / 150.0
@@ -229,5 +245,5 @@ def test_matches_by_chance_are_none() -> None:
     left, right = stereo_pair(25.4)
     shifted = np.roll(right, 5, axis=0)
     segments = np.zeros((0, 4), np.float32)
-    assert len(match_pair(left, right, segments, 6)) > 200
-    assert len(match_pair(left, shifted, segments, 6)) == 0
+    assert len(match_pair(pyramid(left), pyramid(right), segments, 6)) > 200
+    assert len(match_pair(pyramid(left), pyramid(shifted), segments, 6)) == 0

@@ -195,5 +195,6 @@ def test_a_thumbnail_averages_blocks_of_eight() -> None:
     small = thumbnail(image)
     assert small.shape == (5, 8)
     blocks = image[:40, :64].reshape(5, 8, 8, 8).mean(axis=(1, 3))
-    assert np.abs(small - blocks).max() <= 0.5 + 1e-9
+    # Halved three times, rounded each time.
+    assert np.abs(small - blocks).max() < 1.0
     assert math.isclose(float(small.mean()), float(blocks.mean()), abs_tol=0.5)
