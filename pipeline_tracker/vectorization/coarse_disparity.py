@@ -24,8 +24,10 @@ LARGEST_DISPARITY = 0.25
 _BLOCK, _FRACTIONS = 5, 16.0
 # The grid is this much finer where the surface stands out the most, on this share of the picture.
 _FINER, _RAISED_SHARE = 3, 0.3
-# Heights are averaged over so many coarse pixels.
-_SMOOTH = 5
+# Heights are averaged over so many points of the sparse grid along each side.
+_SMOOTH = 3
+# Fewer points tell no plane.
+_LEAST_POINTS = 20
 
 
 def coarse_side(width: int) -> int:
@@ -69,48 +71,54 @@ def grid_sides(width: int, height: int, spacing: int) -> tuple[Places, Places]:
     return columns, rows
 
 
-def chosen_points(disparities: Float32Array, width: int, height: int, spacing: int) -> Points:
-    """Choose points of a fixed fine grid: every third, and all where the surface stands out.
+def sparse_points(columns: Places, rows: Places) -> Points:
+    """Return every third point of a grid both ways, row by row, (N, 2) int64, x y, px.
+
+    Args:
+        columns, rows: of the grid, px.
+    """
+    xs, ys = np.meshgrid(columns[1::_FINER], rows[1::_FINER])
+    return np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
+
+
+def raised_points(columns: Places, rows: Places, sparse: Array) -> Points:
+    """Return the points of a grid about those of its sparse points where the surface stands out.
 
     What lies on the bed stands out of the plane through it. The share of the picture is fixed, so
     the number of points is about the same for every picture.
 
     Args:
-        disparities: coarse ones, (h, w) float32, NaN unknown.
-        width, height: of the image, px.
-        spacing: of the fine grid, px.
+        columns, rows: of the grid, px.
+        sparse: disparities at ``sparse_points``, (N,), NaN unknown.
 
     Returns:
-        (N, 2) int64, x y, px.
+        (M, 2) int64, x y, px; the sparse points are not among them.
     """
-    xs, ys = grid_sides(width, height, spacing)
-    chosen = np.zeros((len(ys), len(xs)), np.bool_)
-    chosen[1::_FINER, 1::_FINER] = True
-    raised = _heights(disparities)
-    if raised is not None and chosen.size:
-        side = coarse_side(width)
-        rows = np.minimum(ys // side, disparities.shape[0] - 1)
-        columns = np.minimum(xs // side, disparities.shape[1] - 1)
-        there = raised[np.ix_(rows, columns)]
-        known = there[np.isfinite(there)]
+    shape = len(rows[1::_FINER]), len(columns[1::_FINER])
+    chosen = np.zeros((len(rows), len(columns)), np.bool_)
+    heights = _heights(sparse.reshape(shape))
+    if heights is not None:
+        known = heights[np.isfinite(heights)]
         if len(known):
             # NaN is not above.
-            chosen |= there >= np.quantile(known, 1.0 - _RAISED_SHARE)
+            raised = heights >= np.quantile(known, 1.0 - _RAISED_SHARE)
+            whole = np.repeat(np.repeat(raised, _FINER, axis=0), _FINER, axis=1)
+            part = whole[: len(rows), : len(columns)]
+            chosen[: part.shape[0], : part.shape[1]] = part
+    chosen[1::_FINER, 1::_FINER] = False
     row, column = np.nonzero(chosen)
-    return np.stack((xs[column], ys[row]), axis=1)
+    return np.stack((columns[column], rows[row]), axis=1)
 
 
-def _heights(disparities: Float32Array) -> Float32Array | None:
-    """Return how far each place stands out of the plane through the bed, averaged, coarse px.
+def _heights(disparities: Array) -> Float32Array | None:
+    """Return how far each point of a grid stands out of the plane through the bed, averaged.
 
     A plane in space is a plane in disparities. NaN where nothing is known.
     """
-    step = 3
-    part = disparities[step // 2 :: step, step // 2 :: step]
-    ys, xs = np.nonzero(np.isfinite(part))
-    if len(xs) < 20:
+    ys, xs = np.nonzero(np.isfinite(disparities))
+    if len(xs) < _LEAST_POINTS:
         return None
-    values = part[ys, xs].astype(np.float64)
+    values = disparities[ys, xs].astype(np.float64)
     design = np.stack((np.ones(len(xs)), xs, ys), axis=1)
     weights: Array = np.ones(len(xs))
     plane: Array = np.zeros(3)
@@ -122,7 +130,7 @@ def _heights(disparities: Float32Array) -> Float32Array | None:
         off = values - design @ plane
         spread = max(1.4826 * float(np.median(np.abs(off))), 0.05)
         weights = 1.0 / (1.0 + np.square(off / spread))
-    rows, columns = ((np.arange(n) - step // 2) / step for n in disparities.shape)
+    rows, columns = (np.arange(n) for n in disparities.shape)
     level = plane[0] + plane[1] * columns[None, :] + plane[2] * rows[:, None]
     away = disparities - level.astype(np.float32)
     known = np.isfinite(away).astype(np.float32)

@@ -74,21 +74,25 @@ def suppress_non_maxima(
     zero, floor, strong = np.float32(0), np.float32(low), np.float32(high)
     for y in range(2, height - 2):
         above, row, below = magnitude[y - 1], magnitude[y], magnitude[y + 1]
-        # Without a branch or a division, so that several pixels are done at once.
+        # Without a branch or a division, and all neighbours read whether they are needed or not:
+        # so several pixels are done at once.
         for x in range(2, width - 2):
             here = row[x]
             gx = np.float32(dx[y, x])
             gy = np.float32(dy[y, x])
+            west, east, north, south = row[x - 1], row[x + 1], above[x], below[x]
+            north_west, north_east = above[x - 1], above[x + 1]
+            south_west, south_east = below[x - 1], below[x + 1]
             ax, ay = abs(gx), abs(gy)
             steep = ay > ax
             falling = gx * gy > zero
             less, more = min(ax, ay), max(ax, ay)
             # Magnitudes one step along the gradient, between two pixels: less / more of the way
             # from the one straight on to the diagonal one. All is multiplied by ``more``.
-            straight = below[x] if steep else row[x + 1]
-            opposite = above[x] if steep else row[x - 1]
-            diagonal = below[x + 1] if falling else (below[x - 1] if steep else above[x + 1])
-            antidiagonal = above[x - 1] if falling else (above[x + 1] if steep else below[x - 1])
+            straight = south if steep else east
+            opposite = north if steep else west
+            diagonal = south_east if falling else (south_west if steep else north_east)
+            antidiagonal = north_west if falling else (north_east if steep else south_west)
             over_one = more * (here - straight) - less * (diagonal - straight)
             over_other = more * (here - opposite) - less * (antidiagonal - opposite)
             # ">" on one side and ">=" on the other keep one pixel of a plateau.

@@ -17,11 +17,15 @@ Image = NDArray[np.uint8]
 Smooth = NDArray[np.uint16]
 Float32Array = NDArray[np.float32]
 
-# Of the patch: half its size and Gaussian weight (one sigma), px.
+# Of the patch, across and down: half its size and Gaussian weight (one sigma), px. The weights'
+# mean square is the same both ways.
 _HALF, _SIGMA = 7, 5.0
+_TALL, _SIGMA_DOWN = 8, 4.0
+# Of the rows each second is looked at: the image is smoothed, so that it tells of its neighbours.
+_ROW_STEP = 2
 # A column without weight is added, so that a row is made of whole groups of pixels; those of a
 # group are sampled together.
-_ROWS, _COLUMNS, _GROUP = 2 * _HALF + 1, 2 * _HALF + 2, 4
+_ROWS, _COLUMNS, _GROUP = 2 * _TALL // _ROW_STEP + 1, 2 * _HALF + 2, 4
 _PIXELS = _ROWS * _COLUMNS
 # A step below the first is the last; a last one above the second has not settled.
 _MOST_STEPS, _CONVERGED, _UNSETTLED = 7, 0.08, 0.1
@@ -32,7 +36,7 @@ _PULL = 1e-3
 
 
 class Patch(NamedTuple):
-    """What a patch's pixels are, row by row, each (15 x 16,) float32.
+    """What a patch's pixels are, row by row, each (9 x 16,) float32.
 
     Attributes:
         weight: Gaussian; 0 in the last column.
@@ -46,10 +50,10 @@ class Patch(NamedTuple):
 
 def make_patch() -> Patch:
     """Return the patch for ``align_patch``."""
-    down, across = np.mgrid[-_HALF : _HALF + 1, -_HALF : _HALF + 2].astype(np.float32)
-    weight = np.exp(-0.5 * (np.square(across) + np.square(down)) / np.float32(_SIGMA**2))
+    down, across = np.mgrid[-_TALL : _TALL + 1 : _ROW_STEP, -_HALF : _HALF + 2].astype(np.float32)
+    weight = np.exp(-0.5 * (np.square(across / _SIGMA) + np.square(down / _SIGMA_DOWN)))
     weight[:, -1] = 0.0
-    return Patch(weight.ravel(), across.ravel(), down.ravel())
+    return Patch(weight.astype(np.float32).ravel(), across.ravel(), down.ravel())
 
 
 def patch_variance() -> float:
@@ -100,25 +104,27 @@ def _sample(
     a_half = np.float32(0.5)
     spacing = np.float32(1) - slant_x
     for j in range(_ROWS):
-        down = np.float32(j - _HALF)
+        down = np.float32(j * _ROW_STEP - _TALL)
         begin = np.float32(x - _HALF) - disparity - slant_y * down + slant_x * np.float32(_HALF)
         end = begin + spacing * np.float32(_COLUMNS - 1)
         # Written so that NaN is not inside.
         if not (begin >= np.float32(3) and end < np.float32(right.shape[1] - 5)):
             return False
-        row = right[y + j - _HALF]
+        row = right[y + j * _ROW_STEP - _TALL]
         for g in range(0, _COLUMNS, _GROUP):
             first = begin + spacing * np.float32(g)
             # One whole pixel for all of a group, that of its middle: they are read together, and
             # the cubic's own interval is left by a part of a pixel at most.
             whole = int(first - np.float32(0.5 * (_GROUP - 1)) * slant_x)
             part = first - np.float32(whole)
+            # A view, so that its indices are known not to be negative.
+            near = row[whole - 1 : whole + _GROUP + 2]
             for i in range(_GROUP):
                 f = part - np.float32(i) * slant_x
-                p0 = np.float32(row[whole + i - 1])
-                p1 = np.float32(row[whole + i])
-                p2 = np.float32(row[whole + i + 1])
-                p3 = np.float32(row[whole + i + 2])
+                p0 = np.float32(near[i])
+                p1 = np.float32(near[i + 1])
+                p2 = np.float32(near[i + 2])
+                p3 = np.float32(near[i + 3])
                 # Cubic through four pixels: a straight line between two would pull to whole ones.
                 c2 = two * p0 - five * p1 + four * p2 - p3
                 c3 = three * (p1 - p2) + p3 - p0
@@ -147,7 +153,7 @@ def align_patch(
         leaves an image, has nothing to align, or the fit does not settle.
     """
     height, width = left.shape
-    if x < _HALF + 1 or y < _HALF or x >= width - _HALF - 2 or y >= height - _HALF:
+    if x < _HALF + 1 or y < _TALL or x >= width - _HALF - 2 or y >= height - _TALL:
         return start, -1.0
     one, a_half, zero = np.float32(1), np.float32(0.5), np.float32(0)
     arrays = np.empty((6, _PIXELS), np.float32)
@@ -157,11 +163,10 @@ def align_patch(
     # Sums are of differences from the middle's grey level: float32 holds these better.
     base = np.float32(left[y, x])
     for j in range(_ROWS):
-        row = left[y + j - _HALF]
+        near = left[y + j * _ROW_STEP - _TALL, x - _HALF - 1 : x - _HALF + _COLUMNS + 1]
         for i in range(_COLUMNS):
-            here = x + i - _HALF
-            level[j * _COLUMNS + i] = np.float32(row[here]) - base
-            slope[j * _COLUMNS + i] = a_half * (np.float32(row[here + 1]) - np.float32(row[here - 1]))
+            level[j * _COLUMNS + i] = np.float32(near[i + 1]) - base
+            slope[j * _COLUMNS + i] = a_half * (np.float32(near[i + 2]) - np.float32(near[i]))
     sw = sl = sll = s0 = s1 = s2 = b0 = b1 = b2 = zero
     h00 = h01 = h02 = h11 = h12 = h22 = zero
     for n in range(_PIXELS):

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.jit import compiled, compiled_sums
 from pipeline_tracker.vectorization.coarse_disparity import (
-    chosen_points,
     coarse_disparities,
     coarse_side,
+    grid_sides,
+    raised_points,
+    sparse_points,
 )
 from pipeline_tracker.vectorization.patch_alignment import (
     Patch,
@@ -26,6 +28,7 @@ from pipeline_tracker.vectorization.patch_alignment import (
     smoothed,
 )
 from pipeline_tracker.vectorization.row_offset import row_offset
+from pipeline_tracker.vectorization.segments import pyramid
 from pipeline_tracker.workspace import Workspace
 
 Image = NDArray[np.uint8]
@@ -40,6 +43,7 @@ _MIN_SEGMENT = 40.0
 # A smaller share of matches comes by chance: the rows of the pair do not agree, or one image shows
 # nothing. In clear water 0.9 are found, in water full of snow 0.25, of chance 0.1.
 _LEAST_MATCHED = 0.15
+_PATCH = make_patch()
 # So far from its middle a patch looks at either image, px.
 _PATCH_REACH = 2 * (_HALF_PATCH + 1)
 
@@ -81,32 +85,32 @@ def stereo_levels(
     return StereoLevels(smooth[0], smooth[1], left[1], right[1], disparities, side)
 
 
-@compiled
+@compiled_sums
 def correlation(left: Image, right: Image, xl: int, xr: int, y: int, half: int) -> float:
     """Zero-mean normalised cross-correlation of two square patches in one row, -1 to 1.
 
     A patch without any contrast gives -1. The caller keeps the patches inside the images.
+    ``half`` is at most 7: up to there float32 holds all sums exactly, in whatever order.
     """
-    n = (2 * half + 1) * (2 * half + 1)
-    sl = 0
-    sr = 0
-    sll = 0
-    srr = 0
-    slr = 0
-    for v in range(y - half, y + half + 1):
-        for k in range(-half, half + 1):
-            a = int(left[v, xl + k])
-            b = int(right[v, xr + k])
+    size = 2 * half + 1
+    sl = sr = sll = srr = slr = np.float32(0)
+    for j in range(size):
+        one = left[y - half + j, xl - half : xl + half + 1]
+        other = right[y - half + j, xr - half : xr + half + 1]
+        for i in range(size):
+            a = np.float32(one[i])
+            b = np.float32(other[i])
             sl += a
             sr += b
             sll += a * a
             srr += b * b
             slr += a * b
-    vl = float(n * sll - sl * sl)
-    vr = float(n * srr - sr * sr)
+    n, suml, sumr = np.float64(size * size), np.float64(sl), np.float64(sr)
+    vl = n * np.float64(sll) - suml * suml
+    vr = n * np.float64(srr) - sumr * sumr
     if vl <= 0.0 or vr <= 0.0:
         return -1.0
-    return float(float(n * slr - sl * sr) / np.sqrt(vl * vr))
+    return float((n * np.float64(slr) - suml * sumr) / np.sqrt(vl * vr))
 
 
 @compiled
@@ -145,36 +149,52 @@ def _half_disparity(left: Image, right: Image, x: int, y: int, middle: int) -> t
 
 
 @compiled
-def _match(levels: StereoLevels, patch: Patch, points: Points) -> Float32Array:
+def _half_disparities(levels: StereoLevels, points: Points) -> NDArray[np.float64]:
+    """Match points of the left image at half the size.
+
+    Args:
+        levels: the prepared pair.
+        points: (N, 2) int64, x y in the left image, px.
+
+    Returns:
+        (N,) px of the full size, good to about 0.2 px; NaN where nothing is alike.
+    """
+    out = np.full(points.shape[0], np.nan)
+    rows, columns = levels.coarse.shape
+    height, width = levels.half_left.shape
+    side = levels.side
+    for i in range(points.shape[0]):
+        x = points[i, 0] // 2
+        y = points[i, 1] // 2
+        inside = _HALF_PATCH <= x < width - _HALF_PATCH and _HALF_PATCH <= y < height - _HALF_PATCH
+        if not inside or rows == 0 or columns == 0:
+            continue
+        coarse = levels.coarse[
+            min(points[i, 1] // side, rows - 1), min(points[i, 0] // side, columns - 1)
+        ]
+        if not coarse >= 0.0:
+            continue
+        middle = int(np.rint(0.5 * side * coarse))
+        d, value = _half_disparity(levels.half_left, levels.half_right, x, y, middle)
+        if value >= _LEAST_COARSE:
+            out[i] = 2.0 * d
+    return out
+
+
+@compiled
+def _match(
+    levels: StereoLevels, patch: Patch, points: Points, starts: NDArray[np.float64]
+) -> Float32Array:
     """Match points of the left image in the right one; see ``match_points``."""
     out = np.empty((points.shape[0], 4), np.float32)
     count = 0
-    height, width = levels.left.shape
-    rows, columns = levels.coarse.shape
-    half_height, half_width = levels.half_left.shape
+    width = levels.left.shape[1]
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
-        if x < 0 or y < 0 or x >= width or y >= height or rows == 0 or columns == 0:
+        if np.isnan(starts[i]):
             continue
-        side = levels.side
-        coarse = levels.coarse[min(y // side, rows - 1), min(x // side, columns - 1)]
-        if not coarse >= 0.0:
-            continue
-        xh = x // 2
-        yh = y // 2
-        if (
-            xh < _HALF_PATCH
-            or yh < _HALF_PATCH
-            or xh >= half_width - _HALF_PATCH
-            or yh >= half_height - _HALF_PATCH
-        ):
-            continue
-        middle = int(np.rint(0.5 * side * coarse))
-        d, value = _half_disparity(levels.half_left, levels.half_right, xh, yh, middle)
-        if value < _LEAST_COARSE:
-            continue
-        disparity, value = align_patch(levels.left, levels.right, patch, x, y, 2.0 * d)
+        disparity, value = align_patch(levels.left, levels.right, patch, x, y, starts[i])
         place = x - disparity
         if value < _LEAST_ALIGNED or place < 0.0 or place > width - 1:
             continue
@@ -217,7 +237,7 @@ def match_points(levels: StereoLevels, points: Points) -> Float32Array:
     Returns:
         (M, 4) float32, x_left y_left x_right y_right, px, of those that could be matched.
     """
-    return _match(levels, make_patch(), points)
+    return _match(levels, _PATCH, points, _half_disparities(levels, points))
 
 
 def match_pair(
@@ -248,16 +268,22 @@ def match_pair(
     height, width = left[0].shape
     if unseen.left is not None:
         levels.coarse[unseen.left.grown(levels.side * factor, 0)] = np.nan
-    grid = chosen_points(levels.coarse, width, height, spacing)
-    along = segment_points(segments, 2 * spacing)
-    points = np.concatenate((grid, along))
-    apart = row_offset(levels.half_left, levels.half_right, levels.coarse, levels.side, points)
+    columns, rows = grid_sides(width, height, spacing)
+    sparse = sparse_points(columns, rows)
+    apart = row_offset(levels.half_left, levels.half_right, levels.coarse, levels.side, sparse)
     if round(apart):
-        rows = np.clip(np.arange(height) + round(apart), 0, height - 1)
-        levels = stereo_levels(left, np.ascontiguousarray(right[rows]), workspace)
+        shifted = np.clip(np.arange(height) + round(apart), 0, height - 1)
+        levels = stereo_levels(left, pyramid(np.ascontiguousarray(right[0][shifted])), workspace)
+    known = _half_disparities(levels, sparse)
+    further = np.concatenate(
+        (raised_points(columns, rows, known), segment_points(segments, 2 * spacing))
+    )
+    points = np.concatenate((sparse, further))
+    starts = np.concatenate((known, _half_disparities(levels, further)))
     if unseen.left is not None:
-        points = points[~unseen.left.near(points, factor, _PATCH_REACH)]
-    found = match_points(levels, points)
+        seen = ~unseen.left.near(points, factor, _PATCH_REACH)
+        points, starts = points[seen], starts[seen]
+    found = _match(levels, _PATCH, points, starts)
     found[:, 3] += np.float32(apart)
     if len(found) < _LEAST_MATCHED * len(points):
         return found[:0]

@@ -20,7 +20,6 @@ from pipeline_tracker.vectorization.segments import (
     shrink,
     to_full_size,
 )
-from pipeline_tracker.vectorization.sharpening import sharpen
 from pipeline_tracker.vectorization.stereo_matching import match_pair
 from pipeline_tracker.vectorization.working_size import working_factor
 from pipeline_tracker.workspace import Workspace
@@ -76,9 +75,7 @@ class Vectorizer:
             right_segments = self._right.segments(levels[1], factor, unseen.right)
             matches = self._matches(levels, left_segments, unseen, factor)
         else:
-            beside = self._worker.submit(
-                self._right.segments, levels[1], factor, unseen.right
-            )
+            beside = self._worker.submit(self._right.segments, levels[1], factor, unseen.right)
             left_segments = self._left.segments(levels[0], factor, unseen.left)
             matches = self._matches(levels, left_segments, unseen, factor)
             right_segments = beside.result()
@@ -140,10 +137,7 @@ class _Side:
             blind = None if unseen is None else unseen.grown(side * factor, EDGE_REACH)
             tolerance = self._settings.split_tolerance
             part = extract_segments(image, tolerance, min_length, self._workspace, blind)
-            placed = to_full_size(part, side)
-            if level == finest:
-                sharpen(working, placed)
-            found.append(to_full_size(placed, factor))
+            found.append(to_full_size(part, side * factor))
         return np.concatenate(found) if found else np.zeros((0, 4), np.float32)
 
     def _min_length(self, width: int, coarse: bool) -> float:

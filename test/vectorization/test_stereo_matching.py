@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from pictures import stereo_pair
 
 from pipeline_tracker.vectorization.coarse_disparity import (
-    chosen_points,
     coarse_disparities,
     coarse_side,
     grid_sides,
+    raised_points,
+    sparse_points,
 )
 from pipeline_tracker.vectorization.patch_alignment import align_patch, make_patch, smoothed
 from pipeline_tracker.vectorization.segments import pyramid
@@ -214,36 +215,50 @@ def test_coarse_disparities_reach_the_left_border() -> None:
     assert np.mean(np.abs(inside - 32.0) < 1.0) > 0.9
 
 
-def test_points_are_dense_where_the_surface_stands_out() -> None:
-    ys, xs = np.mgrid[0:100, 0:150].astype(np.float32)
-    bed = np.float32(12.0) + np.float32(0.01) * xs - np.float32(0.02) * ys
-    bump = (np.abs(xs - 90) < 12).astype(np.float32)
+def test_coarse_pixels_are_larger_in_larger_images() -> None:
     assert [coarse_side(width) for width in (1, 400, 401, 800, 1200, 1600)] == [2, 2, 4, 4, 8, 8]
-    points = chosen_points(bed + 3 * bump, 300, 200, 7)
-    raised = np.abs(points[:, 0] / 2 - 90) < 12
-    area = 24.0 / 150.0
-    fine = len(grid_points(300, 200, 7))
-    assert raised.sum() > 0.9 * area * fine
-    assert (~raised).sum() < 0.35 * fine
-    # The grid is fixed: no point lies between its nodes.
-    nodes = {tuple(p) for p in grid_points(300, 200, 7).tolist()}
-    assert {tuple(p) for p in points.tolist()} <= nodes
+
+
+def test_points_are_dense_where_the_surface_stands_out() -> None:
+    columns, rows = grid_sides(600, 400, 7)
+    sparse = sparse_points(columns, rows)
+    x, y = sparse[:, 0], sparse[:, 1]
+    bump = np.abs(x - 360) < 60
+    disparities = (40.0 + 0.01 * x - 0.02 * y + 5.0 * bump).astype(np.float32)
+    disparities[::17] = np.nan
+    disparities[5::31] += 30.0
+    points = raised_points(columns, rows, disparities)
+    raised = np.abs(points[:, 0] - 360) < 50
+    fine = grid_points(600, 400, 7)
+    there = np.abs(fine[:, 0] - 360) < 50
+    # All but the sparse ones, one in nine.
+    assert raised.sum() > 0.85 * there.sum() * 8 / 9
+    assert (~raised).sum() < 0.3 * len(fine)
+    # The grid is fixed: no point lies between its nodes, and none comes twice.
+    nodes = {tuple(p) for p in fine.tolist()}
+    chosen = [tuple(p) for p in np.concatenate((points, sparse)).tolist()]
+    assert len(set(chosen)) == len(chosen)
+    assert set(chosen) <= nodes
 
 
 def test_without_disparities_the_sparse_grid_is_left() -> None:
-    nothing = np.full((100, 150), np.nan, np.float32)
-    points = chosen_points(nothing, 600, 400, 14)
+    columns, rows = grid_sides(600, 400, 14)
+    sparse = sparse_points(columns, rows)
     fine = len(grid_points(600, 400, 14))
-    assert 0.07 * fine < len(points) < 0.15 * fine
-    nearly = nothing.copy()
-    nearly[50, 50] = 3.0
-    assert len(chosen_points(nearly, 600, 400, 14)) == len(points)
+    assert 0.07 * fine < len(sparse) < 0.15 * fine
+    nothing = np.full(len(sparse), np.nan)
+    assert len(raised_points(columns, rows, nothing)) == 0
+    nothing[7] = 3.0
+    assert len(raised_points(columns, rows, nothing)) == 0
+    # Nor where the image is too small for a grid.
+    columns, rows = grid_sides(12, 9, 14)
+    assert len(raised_points(columns, rows, np.zeros(len(sparse_points(columns, rows))))) == 0
 
 
 def test_matches_by_chance_are_none() -> None:
-    # Rows three pixels off: some patches match all the same, at any disparity.
+    # Rows farther off than is looked for: some patches match all the same, at any disparity.
     left, right = stereo_pair(25.4)
-    shifted = np.roll(right, 5, axis=0)
+    shifted = np.roll(right, 25, axis=0)
     segments = np.zeros((0, 4), np.float32)
     assert len(match_pair(pyramid(left), pyramid(right), segments, 6)) > 200
     assert len(match_pair(pyramid(left), pyramid(shifted), segments, 6)) == 0

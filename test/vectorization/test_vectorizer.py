@@ -105,7 +105,7 @@ def test_a_pair_has_segments_matches_and_thumbnails_of_both_images() -> None:
 
 
 def test_matches_of_a_large_pair_are_given_in_its_own_pixels() -> None:
-    left, right = stereo_pair(90.3, width=2000, height=300, seed=2)
+    left, right = stereo_pair(90.3, width=2000, height=600, seed=2)
     matches = vectorize(left, right).matches
     disparity = matches[:, 0] - matches[:, 2]
     assert len(matches) > 100
@@ -195,6 +195,7 @@ def test_a_thumbnail_averages_blocks_of_eight() -> None:
     small = thumbnail(image)
     assert small.shape == (5, 8)
     blocks = image[:40, :64].reshape(5, 8, 8, 8).mean(axis=(1, 3))
-    # Halved three times, rounded each time.
-    assert np.abs(small - blocks).max() < 1.0
+    # Halved three times, rounded by a half at most each time.
+    assert np.abs(small - blocks).max() < 1.5
+    assert np.abs(small - blocks).mean() < 0.6
     assert math.isclose(float(small.mean()), float(blocks.mean()), abs_tol=0.5)
