@@ -75,14 +75,14 @@ def test_points_are_as_far_inside_as_patches_are_wide(
 
 def test_the_reach_of_a_patch_is_that_of_its_weights() -> None:
     patch = make_patch()
-    weights = patch.weight.astype(np.float64).reshape(9, 16)
-    assert (weights[:, 15] == 0.0).all()
-    assert np.allclose(weights[:, :15], weights[::-1, 14::-1])
+    weights = patch.weight.astype(np.float64).reshape(11, 20)
+    assert (weights[:, 19] == 0.0).all()
+    assert np.allclose(weights[:, :19], weights[::-1, 18::-1])
     for places in (patch.across, patch.down):
         squares = np.sum(weights.ravel() * places**2.0) / weights.sum()
         # The same both ways: pipes run down the picture, and across it.
         assert patch_variance() == pytest.approx(squares, rel=0.02)
-    assert math.sqrt(patch_variance()) == pytest.approx(3.7, abs=0.1)
+    assert math.sqrt(patch_variance()) == pytest.approx(4.5, abs=0.1)
 
 
 def test_no_points_stay_none() -> None:

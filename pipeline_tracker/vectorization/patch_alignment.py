@@ -19,8 +19,8 @@ Float32Array = NDArray[np.float32]
 
 # Of the patch, across and down: half its size and Gaussian weight (one sigma), px. The weights'
 # mean square is the same both ways.
-_HALF, _SIGMA = 7, 5.0
-_TALL, _SIGMA_DOWN = 8, 4.0
+_HALF, _SIGMA = 9, 5.5
+_TALL, _SIGMA_DOWN = 10, 4.81
 # Of the rows each second is looked at: the image is smoothed, so that it tells of its neighbours.
 _ROW_STEP = 2
 # A column without weight is added, so that a row is made of whole groups of pixels; those of a
@@ -36,7 +36,7 @@ _PULL = 1e-3
 
 
 class Patch(NamedTuple):
-    """What a patch's pixels are, row by row, each (9 x 16,) float32.
+    """What a patch's pixels are, row by row, each (11 x 20,) float32.
 
     Attributes:
         weight: Gaussian; 0 in the last column.
