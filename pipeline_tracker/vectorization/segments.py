@@ -26,8 +26,8 @@ _LOW_PART = 0.45
 _SAMPLE = 3
 # Below this the gradient is the camera's noise, in units of the Sobel operator.
 _LEAST_HIGH = 12.0
-# Against noise, px: of an unblurred edge that runs diagonally two ridges are left.
-_BLUR = (3, 3)
+# Against noise, and the two ridges that an edge leaves where it runs diagonally: size and sigma, px.
+_BLUR, _BLUR_SIGMA = (5, 5), 1.2
 # An edge is made of pixels up to so far from it: blur, derivatives, suppression.
 EDGE_REACH = 4
 # The border of an image has no edges; a smaller one is border all through.
@@ -59,7 +59,7 @@ def extract_segments(
     array = (workspace or Workspace()).array
     dx, dy = array("dx", shape, np.int16), array("dy", shape, np.int16)
     magnitude, ridge = array("magnitude", shape, np.float32), array("ridge", shape, np.uint8)
-    smooth = cv2.GaussianBlur(image, _BLUR, 0.0, dst=array("smooth", shape, np.uint8))
+    smooth = cv2.GaussianBlur(image, _BLUR, _BLUR_SIGMA, dst=array("smooth", shape, np.uint8))
     cv2.spatialGradient(smooth, dx, dy)
     gradient_magnitude(dx, dy, magnitude)
     high = max(magnitude_quantile(magnitude, _HIGH_QUANTILE, _SAMPLE), _LEAST_HIGH)
