@@ -124,12 +124,15 @@ def warm_up(settings: Settings) -> None:
     mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
     own = settings.model_copy(update={"pipe": PipeSettings(diameter=2 * radius), "mode": "stereo"})
     pipeline = Pipeline(own, mounting)
+    found = False
     for k in range(2):
         pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        pipeline.process(k, rig, left, right)
-    for technique in (1, 2, 3):
-        recognition = own.recognition.model_copy(update={"technique": technique})
-        forced = own.model_copy(update={"recognition": recognition})
+        recognition = pipeline.process(k, rig, left, right).recognition
+        found = found or (recognition is not None and recognition.found)
+    # The paper's techniques begin where a pipe has been found.
+    for technique in (1, 2, 3) if found else ():
+        one = own.recognition.model_copy(update={"technique": technique})
+        forced = own.model_copy(update={"recognition": one})
         Pipeline(forced, mounting).process(0, rig, left, right)
     _warm.add(settings.tracking.refine)
 

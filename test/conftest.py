@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -28,6 +29,11 @@ settings.load_profile("pipeline_tracker")
 
 # Tests talk over DDS and must not reach other machines; set before anything starts rclpy.
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+# A shell that runs the tests in the background has SIGINT ignored, and so would what they start and
+# interrupt.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What tests start, wherever they start it, is what they import: one code, one cache of kernels.
 if Path(pipeline_tracker.__file__).parent == ROOT / "pipeline_tracker":
@@ -72,7 +78,11 @@ with tempfile.TemporaryDirectory() as directory:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile the kernels before workers do it, each for itself; they are kept on the disk."""
     if session.config.getoption("numprocesses", None):
-        parts = [subprocess.Popen([sys.executable, "-c", part]) for part in _KERNELS]
+        # What fails here, for want of an extra for example, is for the tests to tell.
+        parts = [
+            subprocess.Popen([sys.executable, "-c", part], stderr=subprocess.DEVNULL)
+            for part in _KERNELS
+        ]
         for part in parts:
             part.wait()
 

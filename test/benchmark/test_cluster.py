@@ -34,6 +34,13 @@ def cluster() -> Iterator[Any]:
         silence_logs="CRITICAL",
     ) as made:
         yield made
+        # One that is closed while it starts a killed worker again fails.
+        with distributed.Client(made.scheduler_address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        end = time.monotonic() + 60.0
+        while any(nanny.process.status.name != "running" for nanny in made.workers.values()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
 
 
 class Bench(threading.Thread):
