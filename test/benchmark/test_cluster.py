@@ -67,8 +67,7 @@ def test_a_worker_killed_half_way_costs_nothing(
     cluster: Any, write_manifest: Write, tmp_path: Path
 ) -> None:
     manifest = write_manifest(
-        "runs: [{scenario: demo, seeds: [1, 2]}]\n"
-        "variants: {a: {}, b: {sync.queue: 7}}\n"
+        "runs: [{scenario: demo, seeds: [1, 2]}]\nvariants: {a: {}, b: {sync.queue: 7}}\n"
     )
     with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
         pids = client.run(os.getpid)
