@@ -36,7 +36,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What tests start, wherever they start it, is what they import: one code, one cache of kernels.
-if Path(pipeline_tracker.__file__).parent == ROOT / "pipeline_tracker":
+if Path(pipeline_tracker.__file__).resolve().parent == ROOT / "pipeline_tracker":
     _PATH = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if str(ROOT) not in _PATH:
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), *_PATH]))
@@ -54,7 +54,7 @@ def _compiled_text(text: str) -> object:
     return rosbags.serde.utils.compile_lines([text])
 
 
-rosbags.serde.cdr.compile_lines = lambda lines: _compiled_text("\n".join(lines))  # type: ignore[assignment,return-value]
+rosbags.serde.cdr.compile_lines = lambda lines: _compiled_text("\n".join(lines))
 
 # All kernels, in two parts that are about as long.
 _KERNELS = (
