@@ -11,7 +11,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -73,6 +75,18 @@ def start(*arguments: str | Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do the tasks here: another process would first import and load all that is here already."""
+
+    @contextmanager
+    def pool(_: int) -> Iterator[tuple[Executor, int]]:
+        with ThreadPoolExecutor(1) as executor:
+            yield executor, 1
+
+    monkeypatch.setattr("pipeline_tracker.benchmark.command.local_pool", pool)
 
 
 def test_two_jobs_and_a_failing_one(write_manifest: Write, tmp_path: Path) -> None:
@@ -187,6 +201,7 @@ def test_interrupted(write_manifest: Write, tmp_path: Path, number: int) -> None
     assert [r["state"] for r in records(output)] == ["done", "not done"]
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_result_that_cannot_be_read_is_made_again_and_by_force_any(
     write_manifest: Write, tmp_path: Path
 ) -> None:
@@ -245,6 +260,7 @@ def test_wrong_commands(
     assert errors.count("\n") == 1
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_failed_run_gives_exit_code_1(
     write_manifest: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
