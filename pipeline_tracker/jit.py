@@ -2,12 +2,60 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar, cast
 
 import numba
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+_PACKAGE = Path(__file__).parent
+# So many sets of compiled kernels are kept, the one in use among them.
+_KEPT = 3
+
+
+def _fingerprint() -> str:
+    """Return a hash of all modules with kernels.
+
+    A kernel has those that it calls compiled in, also from other modules. Numba looks for changes
+    in a kernel's own module alone, and would go on with the old ones.
+    """
+    digest = hashlib.sha256()
+    marker = f"{_PACKAGE.name}.jit import".encode()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        text = path.read_bytes()
+        if marker in text or path.samefile(__file__):
+            digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
+
+
+def _keep_kernels() -> None:
+    """Have Numba keep kernels in a directory of this very source; drop those long unused.
+
+    Below NUMBA_CACHE_DIR where that is given, else in the package. Where neither can be written to,
+    Numba chooses.
+    """
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    base = (Path(given) if given else _PACKAGE / "__pycache__") / "kernels"
+    try:
+        mine = base / _fingerprint()
+        mine.mkdir(parents=True, exist_ok=True)
+        os.utime(mine)
+        sets = sorted(base.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        if not os.access(mine, os.W_OK):
+            return
+    except OSError:
+        return
+    for old in sets[_KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
+    numba.config.CACHE_DIR = str(mine)  # type: ignore[attr-defined]  # made at run time
+
+
+_keep_kernels()
 
 
 def compiled(function: Function) -> Function:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.simulation.fast import fast
+from pipeline_tracker.jit import compiled_sums
 from pipeline_tracker.simulation.raycaster import Hits
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ class Landed(NamedTuple):
     distance: Array
 
 
-@fast
+@compiled_sums
 def sight_lines(sight: Array, rotation: Array) -> Float32Array:
     """Return unit directions (N, 3) in the world.
 
@@ -110,7 +110,7 @@ def sight_lines(sight: Array, rotation: Array) -> Float32Array:
     return result
 
 
-@fast
+@compiled_sums
 def shadow_rays(landed: Landed, lamp: Array, lift: float) -> tuple[Float32Array, Float32Array]:
     """Return origins (N, 3), ``lift`` m above the places, and the ways from there to a lamp."""
     n = landed.kind.size
@@ -124,7 +124,7 @@ def shadow_rays(landed: Landed, lamp: Array, lift: float) -> tuple[Float32Array,
     return origins, ways
 
 
-@fast
+@compiled_sums
 def _on_tube(tube: Tube, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Return chainage, way around and normal of a hit on the pipe's mesh."""
     cell = face // 2
@@ -145,7 +145,7 @@ def _on_tube(tube: Tube, face: int, u: float, v: float) -> tuple[float, float, f
     return tube.start + tube.step * (i + fi), tube.radius * angle, n[0], n[1], n[2]
 
 
-@fast
+@compiled_sums
 def _on_ground(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
     """Return the bed's normal at a place."""
     slopes = ground.slopes
@@ -165,7 +165,7 @@ def _on_ground(ground: Ground, x: float, y: float) -> tuple[float, float, float]
     return -sx / norm, -sy / norm, 1.0 / norm
 
 
-@fast
+@compiled_sums
 def _on_mesh(
     data: MeshData, face: int, u: float, v: float
 ) -> tuple[float, float, float, float, float]:
@@ -182,7 +182,7 @@ def _on_mesh(
     return nx / norm, ny / norm, nz / norm, first, second
 
 
-@fast
+@compiled_sums
 def land(hits: Hits, origin: Array, directions: Float32Array, solids: Solids) -> Landed:
     """Turn hits of unit rays from one origin into places on smooth surfaces."""
     mesh, face, u, v, distance = hits

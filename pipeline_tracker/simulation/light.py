@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.simulation.fast import fast
+from pipeline_tracker.jit import compiled_sums
 from pipeline_tracker.simulation.lens import Lens
 from pipeline_tracker.simulation.scenario import LampModel, Scenario
 
@@ -79,7 +79,7 @@ def lamps_of(models: tuple[LampModel, ...]) -> Lamps:
     )
 
 
-@fast
+@compiled_sums
 def arriving(lamps: Lamps, k: int, x: float, y: float, z: float) -> tuple[float, float]:
     """Return what lamp k sends to a place, without water.
 
@@ -98,7 +98,7 @@ def arriving(lamps: Lamps, k: int, x: float, y: float, z: float) -> tuple[float,
     return np.exp(-lamps.sharpness[k] * angle * angle) / square, distance
 
 
-@fast
+@compiled_sums
 def _haze_table(directions: Array, ranges: Array, lamps: Lamps, water: Water) -> Float32Array:
     rows, columns = directions.shape[:2]
     table = np.zeros((rows, columns, ranges.size, 3), np.float32)
@@ -139,7 +139,7 @@ def haze_of(lens: Lens, lamps: Lamps, water: Water) -> Haze:
     return Haze(_haze_table(directions, ranges, lamps, water), _FARTHEST)
 
 
-@fast
+@compiled_sums
 def haze_at(haze: Haze, column: float, row: float, distance: float) -> tuple[float, float, float]:
     """Look the haze up: red, green, blue.
 

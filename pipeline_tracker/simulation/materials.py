@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.simulation.fast import fast
+from pipeline_tracker.jit import compiled_sums
 from pipeline_tracker.simulation.noise import fractal_noise, gradient_noise, spots
 
 Array = NDArray[np.float64]
@@ -69,20 +69,20 @@ class Surface(NamedTuple):
     slope_b: float
 
 
-@fast
+@compiled_sums
 def _blend(low: float, high: float, value: float) -> float:
     """Return 0 below ``low``, 1 above ``high``, smooth between."""
     t = min(1.0, max(0.0, (value - low) / (high - low)))
     return t * t * (3.0 - 2.0 * t)
 
 
-@fast
+@compiled_sums
 def _threshold(share: float) -> float:
     """Return about the value that noise of rms 0.4 exceeds on a share of all places."""
     return 0.7 * (1.0 - 2.0 * share)
 
 
-@fast
+@compiled_sums
 def pipe_surface(
     along: float, around: float, upward: float, footprint: float, m: PipeMaterial
 ) -> Surface:
@@ -153,7 +153,7 @@ def pipe_surface(
     )
 
 
-@fast
+@compiled_sums
 def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface:
     """Return what the bed looks like at a place (m), with a pixel of the given size (m)."""
     large = fractal_noise(x, y, 2.3, 4, 0.6, footprint, 0, m.seed)
@@ -187,7 +187,7 @@ def bed_surface(x: float, y: float, footprint: float, m: BedMaterial) -> Surface
     )
 
 
-@fast
+@compiled_sums
 def stone_surface(
     x: float, y: float, z: float, brightness: float, footprint: float, m: BedMaterial
 ) -> Surface:
@@ -200,7 +200,7 @@ def stone_surface(
     )
 
 
-@fast
+@compiled_sums
 def thing_surface(
     a: float, b: float, upward: float, footprint: float, row: Array, bed: BedMaterial
 ) -> Surface:

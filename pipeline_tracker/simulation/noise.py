@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline_tracker.simulation.fast import fast
+from pipeline_tracker.jit import compiled_sums
 
 
-@fast
+@compiled_sums
 def lattice_hash(ix: int, iy: int, seed: int) -> int:
     """Mix two lattice coordinates and a seed to 32 evenly spread bits."""
     h = (ix * 0x27D4EB2D + iy * 0x165667B1 + seed * 0x1E3779B9) & 0xFFFFFFFF
@@ -20,7 +20,7 @@ def lattice_hash(ix: int, iy: int, seed: int) -> int:
     return h ^ (h >> 15)
 
 
-@fast
+@compiled_sums
 def _corner(ix: int, iy: int, wrap: int, seed: int) -> tuple[float, float]:
     """Return the gradient of one lattice point, each part -1 to 1."""
     if wrap > 0:
@@ -29,7 +29,7 @@ def _corner(ix: int, iy: int, wrap: int, seed: int) -> tuple[float, float]:
     return (h & 0xFFFF) / 32767.5 - 1.0, (h >> 16) / 32767.5 - 1.0
 
 
-@fast
+@compiled_sums
 def gradient_noise(x: float, y: float, wrap: int, seed: int) -> tuple[float, float, float]:
     """Return smooth noise with a lattice of 1, and its derivatives by x and y.
 
@@ -69,7 +69,7 @@ def gradient_noise(x: float, y: float, wrap: int, seed: int) -> tuple[float, flo
     return 1.7 * value, 1.7 * by_x, 1.7 * by_y
 
 
-@fast
+@compiled_sums
 def fractal_noise(
     x: float,
     y: float,
@@ -114,7 +114,7 @@ def fractal_noise(
     return value, by_x, by_y
 
 
-@fast
+@compiled_sums
 def spots(
     x: float, y: float, cell: float, density: float, footprint: float, wrap: int, seed: int
 ) -> tuple[float, float, float, float]:

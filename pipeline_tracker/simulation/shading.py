@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.simulation.fast import fast
+from pipeline_tracker.jit import compiled_sums
 from pipeline_tracker.simulation.landing import BED, FIRST_THING, NOTHING, PIPE, Landed, Tube
 from pipeline_tracker.simulation.light import Haze, Lamps, Water, arriving, haze_at
 from pipeline_tracker.simulation.materials import (
@@ -47,7 +47,7 @@ class Eye(NamedTuple):
     pixel: float
 
 
-@fast
+@compiled_sums
 def _surface(
     landed: Landed, r: int, footprint: float, materials: Materials, tube: Tube
 ) -> tuple[Surface, float, float, float]:
@@ -83,7 +83,7 @@ def _surface(
     return surface, nx / norm, ny / norm, nz / norm
 
 
-@fast
+@compiled_sums
 def shade(
     landed: Landed,
     lit: Float32Array,

@@ -26,7 +26,7 @@ _LOW_PART = 0.45
 _SAMPLE = 3
 # Below this the gradient is the camera's noise, in units of the Sobel operator.
 _LEAST_HIGH = 12.0
-# Against noise, and the two ridges that an edge leaves where it runs diagonally: size and sigma, px.
+# Against noise, and the two ridges that a diagonal edge leaves: size and sigma, px.
 _BLUR, _BLUR_SIGMA = (5, 5), 1.2
 # An edge is made of pixels up to so far from it: blur, derivatives, suppression.
 EDGE_REACH = 4
