@@ -102,14 +102,21 @@ class Pipeline:
         self._estimator.reset()
 
 
+# What has been warmed up in this process, by the one setting that decides which kernels are run.
+_warm: set[bool] = set()
+
+
 def warm_up(settings: Settings) -> None:
     """Compile or load every compiled kernel, so that the first frame is no slower than others.
 
-    Runs all steps on a small made-up pair: a bright cylinder over a plane of noise.
+    Runs all steps on a small made-up pair: a bright cylinder over a plane of noise. A process
+    needs it once.
 
     Args:
         settings: those of the run; the pipe's diameter is replaced by the picture's.
     """
+    if settings.tracking.refine in _warm:
+        return
     radius, distance, focal = 0.3, 2.0, 200.0
     camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
     rig = StereoRig(camera, Camera(focal, focal, 127.5, 95.5, 256, 192, 0.2))
@@ -117,13 +124,17 @@ def warm_up(settings: Settings) -> None:
     mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
     own = settings.model_copy(update={"pipe": PipeSettings(diameter=2 * radius), "mode": "stereo"})
     pipeline = Pipeline(own, mounting)
+    found = False
     for k in range(2):
         pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        pipeline.process(k, rig, left, right)
-    for technique in (1, 2, 3):
-        recognition = own.recognition.model_copy(update={"technique": technique})
-        forced = own.model_copy(update={"recognition": recognition})
+        recognition = pipeline.process(k, rig, left, right).recognition
+        found = found or (recognition is not None and recognition.found)
+    # The paper's techniques begin where a pipe has been found.
+    for technique in (1, 2, 3) if found else ():
+        one = own.recognition.model_copy(update={"technique": technique})
+        forced = own.model_copy(update={"recognition": one})
         Pipeline(forced, mounting).process(0, rig, left, right)
+    _warm.add(settings.tracking.refine)
 
 
 def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:

@@ -86,7 +86,7 @@ class PipelineNode(TalkingNode):
         self.scope.add(setattr, self._gate, "settled", False)
         self.live_clock = LiveClock(self._now_ns)
         self.check()
-        compile_kernels(self.settings)
+        warm_up(self.settings)
         self.open_outputs()
 
     def activate(self) -> None:
@@ -181,17 +181,6 @@ class PipelineNode(TalkingNode):
             self.on_clock_went_back(self._now_ns(), way)
         except Exception as error:  # noqa: BLE001 - an error in a jump callback is lost in rclpy
             self.refused("clock", error)
-
-
-_compiled: set[bool] = set()
-
-
-def compile_kernels(settings: Settings) -> None:
-    """Compile or load the kernels, once for all nodes of a process."""
-    # Of all settings, this one alone decides which kernels are run.
-    if settings.tracking.refine not in _compiled:
-        warm_up(settings)
-        _compiled.add(settings.tracking.refine)
 
 
 class MountedNode(PipelineNode):

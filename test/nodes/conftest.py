@@ -99,10 +99,10 @@ def scene() -> Scene:
 @pytest.fixture(scope="session")
 def compiled() -> None:
     """All kernels compiled, as the nodes do before they are ready."""
-    from pipeline_tracker.nodes.base import compile_kernels
+    from pipeline_tracker.pipeline import warm_up
     from pipeline_tracker.settings_io import load_settings
 
-    compile_kernels(load_settings(None, list(Scene.settings)))
+    warm_up(load_settings(None, list(Scene.settings)))
 
 
 @pytest.fixture(scope="session")
