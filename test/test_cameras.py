@@ -18,7 +18,7 @@ CAMERAS = {
     "portrait": Camera(330.0, 330.0, 149.5, 223.5, 300, 448),
     "pixels are not square": Camera(400.0, 330.0, 219.5, 149.5, 440, 300),
     "middle is off": Camera(360.0, 360.0, 150.0, 210.0, 440, 320),
-    "wider than the working size": Camera(1300.0, 1300.0, 804.5, 449.5, 1610, 900),
+    "wider than the working size": Camera(1300.0, 1300.0, 804.5, 299.5, 1610, 600),
 }
 
 

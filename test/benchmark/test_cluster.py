@@ -34,6 +34,13 @@ def cluster() -> Iterator[Any]:
         silence_logs="CRITICAL",
     ) as made:
         yield made
+        # One that is closed while it starts a killed worker again fails.
+        with distributed.Client(made.scheduler_address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        end = time.monotonic() + 60.0
+        while any(nanny.process.status.name != "running" for nanny in made.workers.values()):
+            assert time.monotonic() < end
+            time.sleep(0.02)
 
 
 class Bench(threading.Thread):
@@ -60,8 +67,7 @@ def test_a_worker_killed_half_way_costs_nothing(
     cluster: Any, write_manifest: Write, tmp_path: Path
 ) -> None:
     manifest = write_manifest(
-        "runs: [{scenario: demo, set: {frames: 4}, seeds: [1, 2, 3, 4]}]\n"
-        "variants: {a: {}, b: {sync.queue: 7}}\n"
+        "runs: [{scenario: demo, seeds: [1, 2]}]\nvariants: {a: {}, b: {sync.queue: 7}}\n"
     )
     with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
         pids = client.run(os.getpid)
@@ -69,22 +75,22 @@ def test_a_worker_killed_half_way_costs_nothing(
         bench = Bench(manifest, tmp_path / "out", cluster.scheduler_address)
         bench.start()
         end = time.monotonic() + 120.0
-        while " of 12 " not in bench.said.getvalue():
+        while " of 6 " not in bench.said.getvalue():
             assert time.monotonic() < end
             time.sleep(0.02)
         victim, tasks = next((w, t) for w, t in client.processing().items() if t)
-        ended = bench.said.getvalue().count(" of 12 ")
+        ended = bench.said.getvalue().count(" of 6 ")
         os.kill(pids[victim], signal.SIGKILL)
         bench.join(timeout=120.0)
     assert tasks
-    assert ended < 12
+    assert ended < 6
     assert bench.outcome is not None
     assert bench.outcome.whole, bench.said.getvalue()
     states = [line.state for line in bench.outcome.lines]
-    assert states.count("done") == 8
+    assert states.count("done") == 4
     assert states.count("pooled") == 2
     said = bench.said.getvalue().splitlines()[1:]
-    assert len(said) == 12
+    assert len(said) == 6
     # What came after it was done by others.
     assert all(f"process {pids[victim]})" not in line for line in said[ended + 2 :])
 

@@ -71,7 +71,7 @@ def test_without_errors_the_navigation_is_true_but_for_interpolation(
 
 
 def test_drift_grows_with_the_way(small: Callable[..., Scenario]) -> None:
-    scenario = small("frames=20", "vnm.scale=0")
+    scenario = small("frames=20", "vnm.rate=2", "vnm.scale=0")
     ends = []
     for seed in range(30):
         motion, track = drawn(scenario, seed)
@@ -107,7 +107,7 @@ def test_the_covariance_is_honest(small: Callable[..., Scenario]) -> None:
     rng = np.random.default_rng(3)
     motion = Motion.draw(scenario, draw_axis(scenario, rng), rng)
     squares = []
-    for seed in range(200):
+    for seed in range(100):
         track = vnm_track(motion, scenario, np.random.default_rng(seed))
         errors = []
         for n in (10, 25, len(track.poses) - 1):
@@ -118,7 +118,7 @@ def test_the_covariance_is_honest(small: Callable[..., Scenario]) -> None:
             np.testing.assert_allclose(covariance, covariance.T, atol=1e-15)
             errors.append(error @ np.linalg.solve(covariance, error) / 6.0)
         squares.append(errors)
-    # The mean of 200 chi squares with 6 degrees of freedom over 6: sigma 0.041.
+    # The mean of 100 chi squares with 6 degrees of freedom over 6: sigma 0.058.
     np.testing.assert_allclose(np.mean(squares, axis=0), 1.0, atol=0.18)
 
 
@@ -152,7 +152,7 @@ def test_dropouts_leave_no_pose(small: Callable[..., Scenario]) -> None:
 
 
 def test_dropouts_at_random_have_their_rate(small: Callable[..., Scenario]) -> None:
-    scenario = small("frames=61", "vnm.dropout_rate=3", "vnm.dropout_duration=2", "vnm.rate=5")
+    scenario = small("frames=61", "vnm.dropout_rate=3", "vnm.dropout_duration=2", "vnm.rate=1")
     motion, _ = drawn(scenario)
     lost = [
         1.0 - vnm_track(motion, scenario, np.random.default_rng(seed)).sent.mean()
