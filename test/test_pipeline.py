@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.settings import Settings
+from pipeline_tracker.settings_io import replace_settings
 from pipeline_tracker.tracking.tracker import Tracker
 from pipeline_tracker.types import Mode, RelativeState, Side, State
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
@@ -226,8 +228,26 @@ def test_one_camera_alone_does_not_guess(pictures: list[tuple[Image, Image | Non
 
 
 @pytest.mark.parametrize("mode", ["stereo", "mono"])
-def test_warming_up_needs_no_more_than_settings(mode: str) -> None:
+def test_warming_up_needs_no_more_than_settings_and_is_done_once(
+    mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline_tracker.pipeline._warm", set())
+    frames: list[int] = []
+    process = Pipeline.process
+
+    def counted(self: Pipeline, stamp: int, *pair: Any) -> FrameResult:
+        frames.append(stamp)
+        return process(self, stamp, *pair)
+
+    monkeypatch.setattr(Pipeline, "process", counted)
     settings = Settings.model_validate(
         {"pipe": {"diameter": 0.2}, "mode": mode, "recognition": {"technique": 2}}
     )
     warm_up(settings)
+    assert frames[:2] == [0, 1]
+    count = len(frames)
+    warm_up(settings)
+    assert len(frames) == count
+    # Without refinement other kernels are run.
+    warm_up(replace_settings(settings, {"tracking.refine": False}))
+    assert len(frames) > count
