@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 import rosbags.highlevel.anyreader
 import rosbags.serde.cdr
-import rosbags.serde.utils
 from hypothesis import settings
 
 import pipeline_tracker
@@ -44,17 +43,18 @@ if Path(pipeline_tracker.__file__).resolve().parent == ROOT / "pipeline_tracker"
 # For each bag that is opened rosbags parses the definitions of its messages and writes and compiles
 # the code that reads them: a third of the time of the tests that read bags. The same text gives the
 # same again.
-rosbags.highlevel.anyreader.get_types_from_msg = functools.cache(
-    rosbags.highlevel.anyreader.get_types_from_msg
-)
+if hasattr(rosbags.highlevel.anyreader, "get_types_from_msg"):
+    rosbags.highlevel.anyreader.get_types_from_msg = functools.cache(
+        rosbags.highlevel.anyreader.get_types_from_msg
+    )
+if hasattr(rosbags.serde.cdr, "compile_lines"):
+    _compile_lines = rosbags.serde.cdr.compile_lines
 
+    @functools.cache
+    def _compile_text(text: str) -> object:
+        return _compile_lines([text])
 
-@functools.cache
-def _compiled_text(text: str) -> object:
-    return rosbags.serde.utils.compile_lines([text])
-
-
-rosbags.serde.cdr.compile_lines = lambda lines: _compiled_text("\n".join(lines))
+    rosbags.serde.cdr.compile_lines = lambda lines: _compile_text("\n".join(lines))
 
 # All kernels, in two parts that are about as long.
 _KERNELS = (
