@@ -15,7 +15,7 @@ from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.self_check import SelfCheck
-from pipeline_tracker.settings import PipeSettings, Settings
+from pipeline_tracker.settings import PipeSettings, Settings, TrackingSettings
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
@@ -113,8 +113,9 @@ def warm_up(settings: Settings) -> None:
     needs it once.
 
     Args:
-        settings: those of the run; the pipe's diameter is replaced by the picture's.
+        settings: those of the run; only ``tracking.refine`` is looked at.
     """
+    tracking = TrackingSettings(refine=settings.tracking.refine)
     if settings.tracking.refine in _warm:
         return
     radius, distance, focal = 0.3, 2.0, 200.0
@@ -122,24 +123,24 @@ def warm_up(settings: Settings) -> None:
     rig = StereoRig(camera, Camera(focal, focal, 127.5, 95.5, 256, 192, 0.2))
     left, right = _made_up_pair(rig, radius, distance)
     mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
-    own = settings.model_copy(update={"pipe": PipeSettings(diameter=2 * radius), "mode": "stereo"})
+    # No other setting decides which kernels are run, and some would keep them from it.
+    own = Settings(pipe=PipeSettings(diameter=2 * radius), tracking=tracking)
     pipeline = Pipeline(own, mounting)
-    found = False
     for k in range(2):
         pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        recognition = pipeline.process(k, rig, left, right).recognition
-        found = found or (recognition is not None and recognition.found)
-    # The paper's techniques begin where a pipe has been found.
-    for technique in (1, 2, 3) if found else ():
-        one = own.recognition.model_copy(update={"technique": technique})
-        forced = own.model_copy(update={"recognition": one})
+        pipeline.process(k, rig, left, right)
+    for technique in (1, 2, 3):
+        recognition = own.recognition.model_copy(update={"technique": technique})
+        forced = own.model_copy(update={"recognition": recognition})
         Pipeline(forced, mounting).process(0, rig, left, right)
     _warm.add(settings.tracking.refine)
 
 
 def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:
     """Texture on a cylinder that lies on a plane, seen from above by both cameras."""
-    noise = np.random.default_rng(0).integers(0, 90, (512, 512))
+    noise = np.random.default_rng(0).normal(0.0, 20.0, (512, 512))
+    # Smooth enough that halves of it look alike from both cameras.
+    noise = 0.5 * (noise + np.roll(noise, 1, axis=0) + np.roll(noise, 1, axis=1))
     images: list[NDArray[np.uint8]] = []
     for camera in rig.cameras:
         ys, xs = np.mgrid[0 : camera.height, 0 : camera.width]
@@ -152,6 +153,7 @@ def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image
         hit = root > 0
         s = np.where(hit, (-b - np.sqrt(np.maximum(root, 0.0))) / a, distance + radius)
         x, y = camera.offset + s * u, s * v
-        texture = noise[(y * 60).astype(int) % 512, (x * 60).astype(int) % 512]
-        images.append(np.asarray(np.where(hit, 130, 40) + texture, np.uint8))
+        texture = noise[(y * 100).astype(int) % 512, (x * 100).astype(int) % 512]
+        grey = np.where(hit, 150.0, 90.0) + texture
+        images.append(np.clip(grey, 0.0, 255.0).astype(np.uint8))
     return images[0], images[1]

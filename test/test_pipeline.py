@@ -232,19 +232,22 @@ def test_warming_up_needs_no_more_than_settings_and_is_done_once(
     mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pipeline_tracker.pipeline._warm", set())
-    frames: list[int] = []
+    frames: list[FrameResult] = []
     process = Pipeline.process
 
-    def counted(self: Pipeline, stamp: int, *pair: Any) -> FrameResult:
-        frames.append(stamp)
-        return process(self, stamp, *pair)
+    def counted(self: Pipeline, *frame: Any) -> FrameResult:
+        frames.append(process(self, *frame))
+        return frames[-1]
 
     monkeypatch.setattr(Pipeline, "process", counted)
     settings = Settings.model_validate(
         {"pipe": {"diameter": 0.2}, "mode": mode, "recognition": {"technique": 2}}
     )
     warm_up(settings)
-    assert frames[:2] == [0, 1]
+    # The pipe is found, then tracked, then found by each technique: nothing is left to compile.
+    assert [frame.relative_state.valid for frame in frames] == [True] * 5
+    techniques = [frame.recognition and frame.recognition.technique for frame in frames]
+    assert techniques == [4, None, 1, 2, 3]
     count = len(frames)
     warm_up(settings)
     assert len(frames) == count
