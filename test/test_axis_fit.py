@@ -17,11 +17,10 @@ from pipeline_tracker.axis_fit import (
     AxisFit,
     Evidence,
     Prior,
-    _normal_equations,
-    _residuals,
     across,
     fit_axis,
 )
+from pipeline_tracker.axis_solver import _normal_equations, _residuals
 from pipeline_tracker.geometry.camera import Camera
 
 Array = NDArray[np.float64]
@@ -152,16 +151,6 @@ def test_the_origin_stays_abreast_of_the_start() -> None:
     start = Axis.straight(cylinder.point + 0.4 * cylinder.direction, cylinder.direction)
     fit = fit_axis(start, 0.3, evidence(face(cylinder, 60, np.random.default_rng(1))), UP)
     assert (fit.axis.point - cylinder.point) @ cylinder.direction == pytest.approx(0.4, abs=1e-6)
-
-
-def test_only_points_forgets_the_contours() -> None:
-    cylinder = pipe()
-    both = evidence(face(cylinder, 30, np.random.default_rng(1)), contours(cylinder))
-    points = both.only_points()
-    assert len(points.points) == 30
-    sizes = [len(points.rays), len(points.origins), len(points.sides), len(points.ray_weights)]
-    assert sizes == [0, 0, 0, 0]
-    assert len(points.ray_sigmas) == 0
 
 
 # Outliers.
@@ -491,3 +480,39 @@ def test_normal_equations_agree_with_numpy() -> None:
     _normal_equations(jacobian, residuals, weights, hessian, gradient)
     assert np.allclose(hessian, np.eye(6) + jacobian @ np.diag(weights) @ jacobian.T)
     assert np.allclose(gradient, 1.0 + jacobian @ (weights * residuals))
+
+
+def test_the_steps_agree_with_numpy() -> None:
+    random = np.random.default_rng(10)
+    cylinder = pipe()
+    start = truth(cylinder)
+    points = face(cylinder, 60, random) + random.normal(0.0, 0.004, (60, 3))
+    points[:5] += [0.0, 0.0, 0.2]
+    data = evidence(points, contours(cylinder))
+    prior = Prior(start, np.array([0.02, 0.03, 0.01, 0.02, BEND_SIGMA, BEND_SIGMA]))
+    widths = (12.0, 6.0, 4.0)
+    fit = fit_axis(start, 0.3, data, UP, prior, widths)
+
+    left, up = across(start.direction, UP)
+    frame = np.stack((start.point, start.direction, left, up, start.bend))
+    size = len(points) + len(data.rays)
+    base = np.concatenate((np.full(len(points), data.point_weight), data.ray_weights))
+    information, values, noise = np.diag(1.0 / np.square(prior.sigmas)), np.zeros(6), 1.0
+    hessian, weights = information, base
+    for width in widths:
+        out, jacobian = np.empty(size), np.empty((6, size))
+        rows = (data.points, data.point_sigmas, data.rays, data.origins, data.sides)
+        _residuals(values, frame, 0.3, *rows, data.ray_sigmas, out, jacobian)
+        scale = np.where(np.arange(size) < len(points), noise, 1.0)
+        weights = np.square(np.clip(1.0 - np.square(out / scale / width), 0.0, None))
+        scaled = base * weights / np.square(scale)
+        hessian = information + jacobian @ np.diag(scaled) @ jacobian.T
+        values = values - np.linalg.solve(hessian, information @ values + jacobian @ (scaled * out))
+        inside = out[: len(points)][weights[: len(points)] > 0.0]
+        noise = float(np.clip(1.4826 * np.median(np.abs(inside)), 0.6, 2.5)) if width < 7 else 1.0
+    moved = start.point + values[0] * left + values[1] * up
+    assert np.allclose(fit.axis.point, moved, atol=1e-9)
+    assert np.allclose(fit.axis.bend @ fit.left, values[4], atol=1e-6)
+    assert np.allclose(fit.covariance, np.linalg.inv(hessian), rtol=1e-6)
+    assert np.allclose(np.concatenate((fit.point_weights, fit.ray_weights)), weights, atol=1e-9)
+    assert fit.noise == pytest.approx(noise)

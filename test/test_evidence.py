@@ -14,13 +14,11 @@ from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.evidence import (
     contour_rays,
     distances_from_axis,
-    exposed_points,
     gather,
-    on_face,
-    point_sigmas,
     rays_to_axis,
     unit_rays,
 )
+from pipeline_tracker.face import exposed_points, on_face, point_sigmas
 from pipeline_tracker.surface import triangulate
 
 Array = NDArray[np.float64]

@@ -13,12 +13,13 @@ from synthetic_world import DOWN, EXACT, LEFT, MONO, RIG, Bed, Diver, Look, Pipe
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.evidence import on_face
+from pipeline_tracker.face import on_face
 from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.plane import plane_cost
 from pipeline_tracker.support import (
     ContourSupport,
     Support,
-    _plane_cost,
+    _nearest_line,
     contour_pieces,
     contour_support,
     depth_ratio,
@@ -324,7 +325,7 @@ def test_mismatches_do_not_make_a_plane_worse() -> None:
     flat[:, 2] += 0.01 * rng.standard_normal(300)
     flat[:15, 2] += rng.uniform(-1.5, 3.0, 15)
     rays = flat / np.linalg.norm(flat, axis=1)[:, None]
-    cost = _plane_cost(flat, np.full(300, 0.01), rays)
+    cost = plane_cost(flat, np.full(300, 0.01), rays)
     assert np.mean(cost[15:]) < 0.6
     assert (cost[:15] > 2.0).mean() > 0.8
 
@@ -346,3 +347,21 @@ def test_a_surface_at_another_scale_leaves_clear_contours_alone() -> None:
     # Not where the contours are faint: then it speaks against the axis.
     faint = replace(frame, left_segments=frame.left_segments[:0])
     assert judge(faint, longer, axis, 0.3).face_points > 0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_line_of_a_bent_contour_is_its_least_squares(turned: bool) -> None:
+    x = np.linspace(100.0, 700.0, 9)
+    knots = np.column_stack((x, 300.0 + 0.2 * x + 1e-4 * np.square(x - 350.0)))
+    if turned:
+        knots = knots[:, ::-1]
+    pieces = np.hstack((knots[:-1], knots[1:]))
+    along = int(turned)
+    # Five points in the middles of fifths of each piece, by its length.
+    shares = np.arange(0.1, 1.0, 0.2)[:, None, None]
+    points = (pieces[:, :2] + shares * (pieces[:, 2:] - pieces[:, :2])).reshape(-1, 2)
+    lengths = np.tile(np.linalg.norm(pieces[:, 2:] - pieces[:, :2], axis=1), 5)
+    fit = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(lengths))
+    line = _nearest_line(pieces).reshape(2, 2)
+    assert np.allclose(line[:, along], [100.0, 700.0])
+    assert np.allclose(line[:, 1 - along], np.polyval(fit, [100.0, 700.0]))

@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, Evidence, Prior, across, fit_axis
 from pipeline_tracker.evidence import (
     EDGE_OUTSIDE,
-    SPAN,
     contour_rays,
     distances_from_axis,
-    on_face,
-    point_sigmas,
     rays_to_axis,
-    without_sag,
 )
+from pipeline_tracker.face import SPAN, on_face, point_sigmas, without_sag
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.recognition.techniques import technique1, technique2, technique3

@@ -28,11 +28,31 @@ _CELL_SHARE = 1.0 / 36.0
 # Step between the positions tried across, as a share of r.
 _STEP_SHARE = 0.25
 _KEPT_EACH = 3
+# Of many points every fourth votes for all directions, but no fewer than this; then all points vote
+# for the best so many places.
+_COARSE_STEP, _COARSE_POINTS, _FINE = 4, 100, 100
+# Steps between the heights tried, as a share of a point's tolerance.
+_COARSE_WIDTH, _FINE_WIDTH = 0.8, 0.4
+
+
+@compiled
+def _middle(values: Array, count: int, room: Array) -> float:
+    """Return about the median of the first values: that of 16 to 31 of them, sorted in ``room``."""
+    step = 1 + count // 16
+    n = 0
+    for i in range(0, count, step):
+        k = n
+        while k > 0 and room[k - 1] > values[i]:
+            room[k] = room[k - 1]
+            k -= 1
+        room[k] = values[i]
+        n += 1
+    return float(0.5 * (room[n // 2] + room[(n - 1) // 2]))
 
 
 @compiled
 def _best_level(
-    heights: Array, slack: Array, count: int, width: float, table: Array
+    heights: Array, slack: Array, count: int, width: float, table: Array, room: Array
 ) -> tuple[float, float]:
     """Find the height of the axis for which most points of one strip vote.
 
@@ -43,21 +63,23 @@ def _best_level(
         count: how many of both are in use.
         width: of a cell of the table, m.
         table: (3, cells), room for votes, points above and points below.
+        room: (32,), overwritten.
 
     Returns:
         Votes less objections, and the height, m.
     """
     cells = table.shape[1]
     # A sample is enough to know where about the strip lies.
-    low = np.median(heights[: count : 1 + count // 16]) - 0.5 * cells * width
+    low = _middle(heights, count, room) - 0.5 * cells * width
     table[:] = 0.0
     for k in range(count):
         place = (heights[k] - low) / width
         reach = slack[k] / width
         first = max(0, int(np.ceil(place - reach)))
         last = min(cells - 1, int(np.floor(place + reach)))
+        fall = 0.5 / reach
         for cell in range(first, last + 1):
-            table[0, cell] += 1.0 - 0.5 * abs(cell - place) / reach
+            table[0, cell] += 1.0 - fall * abs(cell - place)
         # Of the cells before the first this point stands above the pipe; for those after the
         # last it lies inside it, and the camera would look through the pipe.
         if first > 0:
@@ -79,96 +101,158 @@ def _best_level(
 
 
 @compiled
+def _keep(best: Array, votes: float, position: float, level: float, apart: float) -> None:
+    """Put a vote among the best of its direction, (K, 3), in the place of a worse one near it."""
+    place = best.shape[0] - 1
+    for k in range(best.shape[0]):
+        if best[k, 0] > 0.0 and abs(best[k, 1] - position) < apart:
+            place = k
+            break
+    if not votes > best[place, 0]:
+        return
+    while place > 0 and votes > best[place - 1, 0]:
+        for c in range(3):
+            best[place, c] = best[place - 1, c]
+        place -= 1
+    best[place, 0], best[place, 1], best[place, 2] = votes, position, level
+
+
+@compiled
 def _vote_across(
-    u: Array, h: Array, tolerance: Array, radius: float, step: float, best: Array, room: Array
+    u: Array,
+    h: Array,
+    tolerance: Array,
+    radius: float,
+    least: int,
+    table: Array,
+    width: float,
+    best: Array,
 ) -> None:
-    """Vote for axis positions of one direction in the plane across it.
+    """Vote for axis positions in the plane across, for directions that differ in elevation only.
 
     Args:
-        u, h: place across and height of each point, sorted by ``u``, (N,), m.
+        u: place across of each point, ascending, (N,), m.
+        h: height of each point for each elevation, (E, N), m.
         tolerance: of each point's height, (N,), m.
         radius: m.
-        step: m between the positions tried.
-        best: (K, 3) filled with score, position across, height of the axis; score descending.
-        room: (2, N), overwritten.
+        least: points that a strip must have.
+        table, width: see ``_best_level``.
+        best: (E, K, 3) filled with score, position across, height of the axis; score descending.
     """
     n = u.shape[0]
-    keep = best.shape[0]
-    heights, slack = room[0], room[1]
-    width = max(0.4 * np.median(tolerance), 0.01 * radius)
-    table = np.empty((3, max(8, int(4.0 * radius / width))))
-    first = 0
+    last = best.shape[1] - 1
+    heights, lift, room = np.empty(n), np.empty(n), np.empty(32)
+    begin = 0
     position = u[0]
     while position <= u[n - 1]:
-        while first < n and u[first] < position - _STRIP_SHARE * radius:
-            first += 1
-        count = 0
-        i = first
-        while i < n and u[i] <= position + _STRIP_SHARE * radius:
-            off = u[i] - position
-            heights[count] = h[i] - np.sqrt(radius * radius - off * off)
-            slack[count] = tolerance[i]
-            count += 1
-            i += 1
-        # A strip has no more votes than points.
-        if count >= _LEAST_VOTES and count > best[keep - 1, 0]:
-            votes, level = _best_level(heights, slack, count, width, table)
-            if votes > best[keep - 1, 0]:
-                place = keep - 1
-                # A better vote near an earlier one takes its place.
-                for k in range(keep):
-                    if best[k, 0] > 0.0 and abs(best[k, 1] - position) < 0.5 * radius:
-                        place = k
-                        break
-                if votes > best[place, 0]:
-                    best[place, 0] = votes
-                    best[place, 1] = position
-                    best[place, 2] = level
-                    while place > 0 and best[place, 0] > best[place - 1, 0]:
-                        for c in range(3):
-                            held = best[place, c]
-                            best[place, c] = best[place - 1, c]
-                            best[place - 1, c] = held
-                        place -= 1
-        position += step
+        while begin < n and u[begin] < position - _STRIP_SHARE * radius:
+            begin += 1
+        end = begin
+        while end < n and u[end] <= position + _STRIP_SHARE * radius:
+            off = u[end] - position
+            lift[end] = np.sqrt(radius * radius - off * off)
+            end += 1
+        count = end - begin
+        for e in range(h.shape[0]):
+            # A strip has no more votes than points.
+            if count < least or not count > best[e, last, 0]:
+                continue
+            for i in range(begin, end):
+                heights[i - begin] = h[e, i] - lift[i]
+            slack = tolerance[begin:end]
+            votes, level = _best_level(heights, slack, count, width, table, room)
+            if votes > best[e, last, 0]:
+                _keep(best[e], votes, position, level, 0.5 * radius)
+        position += _STEP_SHARE * radius
 
 
 @compiled
 def _vote_directions(
-    points: Array, tolerance: Array, sides: Array, heights: Array, radius: float, out: Array
+    points: Array,
+    tolerance: Array,
+    sides: Array,
+    ups: Array,
+    radius: float,
+    least: int,
+    out: Array,
 ) -> None:
     """Vote for each direction.
 
     Args:
         points: (N, 3), m.
         tolerance: (N,), m.
-        sides, heights: unit vectors across each direction, level and up, (D, 3).
-        radius: m.
-        out: (D, K, 3) filled, see ``_vote_across``.
+        sides: unit vectors across each azimuth, level, (A, 3).
+        ups: unit vectors across each direction, up, (A, E, 3).
+        radius, least: see ``_vote_across``.
+        out: (A, E, K, 3) filled, see ``_vote_across``.
     """
     n = points.shape[0]
-    u, h = np.empty(n), np.empty(n)
-    sorted_u, sorted_h, sorted_tolerance = np.empty(n), np.empty(n), np.empty(n)
-    room = np.empty((2, n))
+    width = max(_COARSE_WIDTH * np.median(tolerance), 0.01 * radius)
+    table = np.empty((3, max(8, int(4.0 * radius / width))))
+    h, slack = np.empty((ups.shape[1], n)), np.empty(n)
     out[:] = 0.0
-    for d in range(sides.shape[0]):
-        for i in range(n):
-            u[i] = 0.0
-            h[i] = 0.0
-            for k in range(3):
-                u[i] += points[i, k] * sides[d, k]
-                h[i] += points[i, k] * heights[d, k]
+    for a in range(sides.shape[0]):
+        u = points @ sides[a]
+        # Directions of one azimuth have the same places across: they are sorted once.
         order = np.argsort(u, kind="mergesort")
-        for i in range(n):
-            sorted_u[i] = u[order[i]]
-            sorted_h[i] = h[order[i]]
-            sorted_tolerance[i] = tolerance[order[i]]
-        step = _STEP_SHARE * radius
-        _vote_across(sorted_u, sorted_h, sorted_tolerance, radius, step, out[d], room)
+        for k in range(n):
+            i = order[k]
+            slack[k] = tolerance[i]
+            for e in range(ups.shape[1]):
+                h[e, k] = (
+                    points[i, 0] * ups[a, e, 0]
+                    + points[i, 1] * ups[a, e, 1]
+                    + points[i, 2] * ups[a, e, 2]
+                )
+        _vote_across(u[order], h, slack, radius, least, table, width, out[a])
+
+
+@compiled
+def _vote_again(
+    points: Array, tolerance: Array, sides: Array, ups: Array, radius: float, found: Array
+) -> None:
+    """Vote with all points for what some of them found.
+
+    Args:
+        points: (N, 3), m.
+        tolerance: (N,), m.
+        sides, ups: unit vectors across the direction of each, level and up, (K, 3).
+        radius: m.
+        found: (K, 3), score, position across, height of the axis: changed to the best of the
+            position and of those a step beside it.
+    """
+    n = points.shape[0]
+    width = max(_FINE_WIDTH * np.median(tolerance), 0.01 * radius)
+    table = np.empty((3, max(8, int(4.0 * radius / width))))
+    heights, slack, room = np.empty(n), np.empty(n), np.empty(32)
+    for k in range(found.shape[0]):
+        middle = found[k, 1]
+        found[k, 0] = 0.0
+        for step in range(-1, 2):
+            position = middle + step * _STEP_SHARE * radius
+            count = 0
+            for i in range(n):
+                off = -position
+                height = 0.0
+                for c in range(3):
+                    off += points[i, c] * sides[k, c]
+                    height += points[i, c] * ups[k, c]
+                if abs(off) <= _STRIP_SHARE * radius:
+                    heights[count] = height - np.sqrt(radius * radius - off * off)
+                    slack[count] = tolerance[i]
+                    count += 1
+            if count < _LEAST_VOTES:
+                continue
+            votes, level = _best_level(heights, slack, count, width, table, room)
+            if votes > found[k, 0]:
+                found[k, 0], found[k, 1], found[k, 2] = votes, position, level
 
 
 def _directions(normal: Array) -> tuple[Array, Array, Array]:
-    """Return directions (D, 3) around a plane's normal, and the vectors across: level and up."""
+    """Return directions (A, E, 3) around a plane's normal, and the vectors across them.
+
+    Those are level, the same for all elevations of an azimuth, (A, 3), and up, (A, E, 3).
+    """
     first = np.cross(normal, np.array([1.0, 0.0, 0.0]))
     if np.linalg.norm(first) < 0.1:
         first = np.cross(normal, np.array([0.0, 1.0, 0.0]))
@@ -178,11 +262,10 @@ def _directions(normal: Array) -> tuple[Array, Array, Array]:
     slope = np.array(_ELEVATIONS)[None, :, None]
     level = np.cos(angle) * first + np.sin(angle) * second
     directions = np.cos(slope) * level + np.sin(slope) * normal
-    sides = np.broadcast_to(np.cross(normal, level), directions.shape)
-    heights = np.cross(directions, sides)
-    heights = np.where(heights @ normal < 0, -1.0, 1.0)[..., None] * heights
-    flat = [np.ascontiguousarray(part.reshape(-1, 3)) for part in (directions, sides, heights)]
-    return flat[0], flat[1], flat[2]
+    sides = np.cross(normal, level)
+    ups = np.cross(directions, sides)
+    ups = np.where(ups @ normal < 0, -1.0, 1.0)[..., None] * ups
+    return directions, np.ascontiguousarray(sides[:, 0]), np.ascontiguousarray(ups)
 
 
 def dominant_plane(points: Array, sigmas: Array) -> tuple[Array, Array]:
@@ -234,16 +317,27 @@ def vote_for_cylinders(
     points, tolerance = surface.points[usable], tolerance[usable]
     if points.shape[0] < 2 * _LEAST_VOTES:
         return []
-    directions, sides, heights = _directions(normal)
-    best = np.empty((len(directions), _KEPT_EACH, 3))
-    _vote_directions(points, tolerance, sides, heights, radius, best)
-    found = [
-        (float(score), position * sides[d] + lift * heights[d], directions[d])
-        for d, k in zip(*np.nonzero(best[:, :, 0] > 0.0), strict=True)
-        for score, position, lift in [best[d, k]]
-    ]
-    found.sort(key=lambda entry: -entry[0])
-    return _distinct(found, points, radius, most)
+    directions, sides, ups = _directions(normal)
+    best = np.empty((*directions.shape[:2], _KEPT_EACH, 3))
+    # Coarse: some of the points tell which directions and places are worth all of them.
+    step = max(1, min(_COARSE_STEP, len(points) // _COARSE_POINTS))
+    few, slack = np.ascontiguousarray(points[::step]), np.ascontiguousarray(tolerance[::step])
+    _vote_directions(few, slack, sides, ups, radius, _LEAST_VOTES // step, best)
+    azimuths, elevations, ranks = np.nonzero(best[..., 0] > 0.0)
+    scores = best[azimuths, elevations, ranks, 0]
+    top = np.argsort(-scores, kind="stable")[:_FINE]
+    azimuths, elevations = azimuths[top], elevations[top]
+    found = best[azimuths, elevations, ranks[top]]
+    sides, ups, directions = (
+        sides[azimuths],
+        ups[azimuths, elevations],
+        directions[azimuths, elevations],
+    )
+    _vote_again(points, tolerance, sides, ups, radius, found)
+    order = np.argsort(-found[:, 0], kind="stable")
+    order = order[found[order, 0] > 0.0]
+    places = found[order, 1:2] * sides[order] + found[order, 2:3] * ups[order]
+    return _distinct(places, directions[order], found[order, 0], points, radius, most)
 
 
 def _thinned(surface: SurfacePoints, width: int) -> SurfacePoints:
@@ -256,20 +350,20 @@ def _thinned(surface: SurfacePoints, width: int) -> SurfacePoints:
 
 
 def _distinct(
-    found: list[tuple[float, Array, Array]], points: Array, radius: float, most: int
+    places: Array, directions: Array, scores: Array, points: Array, radius: float, most: int
 ) -> list[tuple[Axis, float]]:
     """Keep the best of hypotheses that are nearly the same; put the origin where the points are."""
     kept: list[tuple[Axis, float]] = []
     middle = np.median(points, axis=0)
-    for score, point, direction in found:
-        centred = point + direction * float((middle - point) @ direction)
-        same = any(
-            abs(float(axis.direction @ direction)) > 0.97
-            and float(np.linalg.norm(np.cross(centred - axis.point, axis.direction))) < radius
-            for axis, _ in kept
-        )
-        if not same:
-            kept.append((Axis.straight(centred, direction), score))
+    along = np.einsum("ij,ij->i", middle - places, directions)
+    centred = places + directions * along[:, None]
+    open_ = np.ones(len(places), np.bool_)
+    for k in range(len(places)):
+        if not open_[k]:
+            continue
+        kept.append((Axis.straight(centred[k], directions[k]), float(scores[k])))
         if len(kept) == most:
             break
+        gaps = np.linalg.norm(np.cross(centred - centred[k], directions[k]), axis=1)
+        open_ &= (np.abs(directions @ directions[k]) <= 0.97) | (gaps >= radius)
     return kept

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, across
-from pipeline_tracker.candidate_votes import vote
+from pipeline_tracker.candidate_votes import Voters
 from pipeline_tracker.evidence import contour_rays
 from pipeline_tracker.types import VectorizedStereo
 
@@ -15,6 +15,15 @@ Array = NDArray[np.float64]
 # Half width and step of the grid of each round, rad: 8 degrees in steps of 2, then finer about the
 # winner. The same angles for heading and pitch.
 _ROUNDS = ((0.14, 0.035), (0.0263, 0.00877), (0.0066, 0.0022))
+
+
+def _grid(half: float, step: float) -> Array:
+    """Return tangents of heading and pitch of all candidates of a round, (K, 2)."""
+    steps = np.tan(np.arange(-half, half + 0.5 * step, step))
+    return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+_GRIDS = [_grid(half, step) for half, step in _ROUNDS]
 # Segments further from the predicted contour, px at 1200 px width, or steeper to it, can vote for
 # no candidate; leaving them out changes no vote.
 _GATE, _STEEPEST = 160.0, 0.4
@@ -35,23 +44,20 @@ def best_candidate(
     Returns:
         The straight axis through C and its total contribution, px.
     """
-    near = _nearby(frame, Axis.straight(start, direction), radius)
-    best = Axis.straight(start, direction)
-    most = float(vote(near, [best], radius)[0])
-    for half, step in _ROUNDS:
-        centre = best.direction
-        left, up = across(centre, vertical)
-        steps = np.tan(np.arange(-half, half + 0.5 * step, step))
-        axes = [
-            Axis.straight(start, centre + heading * left + pitch * up)
-            for heading in steps
-            for pitch in steps
-        ]
-        votes = vote(near, axes, radius)
+    voters = Voters(_nearby(frame, Axis.straight(start, direction), radius))
+    best = direction / np.linalg.norm(direction)
+    most = float(voters.votes(np.concatenate((start, best))[None], radius)[0])
+    for grid in _GRIDS:
+        left, up = across(best, vertical)
+        candidates = np.empty((len(grid), 6))
+        candidates[:, :3] = start
+        candidates[:, 3:] = best + grid[:, :1] * left + grid[:, 1:] * up
+        candidates[:, 3:] /= np.linalg.norm(candidates[:, 3:], axis=1)[:, None]
+        votes = voters.votes(candidates, radius)
         winner = int(np.argmax(votes))
         if votes[winner] > most:
-            best, most = axes[winner], float(votes[winner])
-    return best, most
+            best, most = candidates[winner, 3:].copy(), float(votes[winner])
+    return Axis.straight(start, best), most
 
 
 def _nearby(frame: VectorizedStereo, axis: Axis, radius: float) -> VectorizedStereo:
@@ -62,9 +68,8 @@ def _nearby(frame: VectorizedStereo, axis: Axis, radius: float) -> VectorizedSte
         found = segments[number]
         gate = _GATE * camera.width / 1200.0
         rays, _, _ = contour_rays(found, camera, axis, radius, gate, _STEEPEST, np.inf)
-        x = rays[:, 0] / rays[:, 2] * camera.fx + camera.cx
-        y = rays[:, 1] / rays[:, 2] * camera.fy + camera.cy
-        kept.append(np.stack((x, y), axis=1).astype(np.float32).reshape(-1, 4))
+        pixels = rays[:, :2] / rays[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        kept.append(pixels.astype(np.float32).reshape(-1, 4))
     empty = np.zeros((0, 4), np.float32)
     return VectorizedStereo(
         stamp_ns=frame.stamp_ns,

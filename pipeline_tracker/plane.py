@@ -1,0 +1,118 @@
+"""How well a plane explains surface points: what a pipe has to be better than."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline_tracker.face import ROUGHNESS, distance_sigma
+from pipeline_tracker.jit import compiled
+
+Array = NDArray[np.float64]
+
+# Robust width, in standard deviations, what costs most, and the widths of the steps of a fit.
+WIDTH = 4.0
+_FULL_COST = WIDTH * WIDTH / 6.0
+_WIDTHS = (12.0, 8.0, WIDTH, WIDTH, WIDTH)
+# Planes through three points that are tried before a fit, and points that judge them; three points
+# that span less than this, m², are in a row.
+_TRIPLES, _JURY, _SLIVER = 64, 100, 1e-9
+
+
+@compiled
+def robust_cost(residual: float) -> float:
+    """Robust cost of a residual in standard deviations."""
+    ratio = residual / WIDTH
+    inside = max(0.0, 1.0 - ratio * ratio)
+    return _FULL_COST * (1.0 - inside * inside * inside)
+
+
+def plane_cost(points: Array, depth_sigmas: Array, rays: Array) -> Array:
+    """Robust cost of each point for the best plane through the points, same noise assumed.
+
+    Begun from the best of many planes through three points: mismatches far off would tilt a fit to
+    all, and make anything better than a plane.
+    """
+    # The triples are the same for the same number of points.
+    triples = np.random.default_rng(len(points)).integers(0, len(points), (_TRIPLES, 3))
+    cost = np.full(len(points), _FULL_COST)
+    _fit_plane(points, depth_sigmas, rays, triples, cost)
+    return cost
+
+
+@compiled
+def _fit_plane(
+    points: Array, depth_sigmas: Array, rays: Array, triples: NDArray[np.int64], cost: Array
+) -> None:
+    """Fill the cost, (N,), see ``plane_cost``, with Tukey's weights from wide to narrow."""
+    n = points.shape[0]
+    sigmas = np.sqrt(np.square(depth_sigmas) + ROUGHNESS * ROUGHNESS)
+    centre, normal = _plane_through_most(points, sigmas, triples)
+    weights = np.empty(n)
+    for width in _WIDTHS:
+        total = 0.0
+        used = 0
+        middle = np.zeros(3)
+        for i in range(n):
+            height = 0.0
+            facing = 0.0
+            for k in range(3):
+                height += (points[i, k] - centre[k]) * normal[k]
+                facing += rays[i, k] * normal[k]
+            residual = height / distance_sigma(depth_sigmas[i], facing)
+            cost[i] = robust_cost(residual)
+            ratio = residual / width
+            inside = max(0.0, 1.0 - ratio * ratio)
+            weights[i] = inside * inside / (sigmas[i] * sigmas[i])
+            total += weights[i]
+            used += weights[i] > 0.0
+            for k in range(3):
+                middle[k] += weights[i] * points[i, k]
+        if used < 3 or not total > 0.0:
+            break
+        centre = middle / total
+        spread = np.zeros((3, 3))
+        for i in range(n):
+            away = points[i] - centre
+            for a in range(3):
+                for b in range(3):
+                    spread[a, b] += weights[i] * away[a] * away[b]
+        _, vectors = np.linalg.eigh(spread)
+        normal = np.ascontiguousarray(vectors[:, 0])
+
+
+@compiled
+def _plane_through_most(
+    points: Array, sigmas: Array, triples: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Return point and normal of the plane through three of the points that the others like best.
+
+    Args:
+        points: (N, 3), m.
+        sigmas: (N,), m.
+        triples: (K, 3) indices of points.
+    """
+    step = max(1, points.shape[0] // _JURY)
+    least = np.inf
+    centre, best = points[0].copy(), np.array([0.0, 0.0, 1.0])
+    normal = np.empty(3)
+    for j in range(triples.shape[0]):
+        a, b, c = points[triples[j, 0]], points[triples[j, 1]], points[triples[j, 2]]
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            normal[k] = (b[m] - a[m]) * (c[n] - a[n]) - (b[n] - a[n]) * (c[m] - a[m])
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        if not length > _SLIVER:
+            continue
+        normal /= length
+        cost = 0.0
+        for i in range(0, points.shape[0], step):
+            height = 0.0
+            for k in range(3):
+                height += (points[i, k] - a[k]) * normal[k]
+            cost += robust_cost(height / sigmas[i])
+        if cost < least:
+            least = cost
+            centre[:] = a
+            best[:] = normal
+    return centre, best
