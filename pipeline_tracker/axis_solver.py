@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.geometry.bent_axis import move_along, nearest_to_point, nearest_to_ray
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.geometry.bent_axis import move_along, nearest_to_ray
+from pipeline_tracker.jit import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def _residuals(
     sides: Array,
     ray_sigmas: Array,
     out: Array,
-    jacobian: Array,
+    shifts: Array,
 ) -> None:
     """Fill residuals in standard deviations, surface points first, and their derivatives.
 
@@ -95,21 +95,28 @@ def _residuals(
         parameters: (6,).
         frame: rows p, d, left, up, bend of the start.
         radius: m.
-        points, point_sigmas, rays, origins, sides, ray_sigmas: see ``axis_fit.Evidence``.
+        points: (3, N), row by row; the coordinates of ``axis_fit.Evidence.points``.
+        point_sigmas, rays, origins, sides, ray_sigmas: see ``axis_fit.Evidence``.
         out: (N + M,), filled.
-        jacobian: (6, N + M), filled.
+        shifts: (3, N + M), filled: what a shift of the axis by 1 m to the left and up does to each
+            residual, and t of the place, m.
     """
     axis = np.empty((3, 3))
     _moved_axis(parameters, frame, axis)
-    n = points.shape[0]
-    for i in range(n):
-        distance, vx, vy, vz, t = nearest_to_point(axis, points[i, 0], points[i, 1], points[i, 2])
-        distance = max(1e-9, distance)
-        out[i] = (distance - radius) / point_sigmas[i]
-        scale = -1.0 / (distance * point_sigmas[i])
-        left = vx * frame[2, 0] + vy * frame[2, 1] + vz * frame[2, 2]
-        up = vx * frame[3, 0] + vy * frame[3, 1] + vz * frame[3, 2]
-        _shifts(jacobian, i, scale * left, scale * up, t)
+    n = points.shape[1]
+    _point_residuals(
+        points[0],
+        points[1],
+        points[2],
+        point_sigmas,
+        axis,
+        frame,
+        radius,
+        out[:n],
+        shifts[0, :n],
+        shifts[1, :n],
+        shifts[2, :n],
+    )
     for j in range(rays.shape[0]):
         aside, depth, t, mx, my, mz = nearest_to_ray(
             axis, origins[j, 0], rays[j, 0], rays[j, 1], rays[j, 2]
@@ -125,38 +132,154 @@ def _residuals(
         for k in range(3):
             left -= farther * rays[j, k] * frame[2, k]
             up -= farther * rays[j, k] * frame[3, k]
-        _shifts(jacobian, n + j, left, up, t)
+        shifts[0, n + j], shifts[1, n + j], shifts[2, n + j] = left, up, t
 
 
 @compiled
-def _shifts(jacobian: Array, i: int, left: float, up: float, t: float) -> None:
-    """Fill column i: what a shift to the left and up, growing with t or t², does to a residual."""
-    jacobian[0, i] = left
-    jacobian[1, i] = up
-    jacobian[2, i] = t * left
-    jacobian[3, i] = t * up
-    jacobian[4, i] = 0.5 * t * t * left
-    jacobian[5, i] = 0.5 * t * t * up
-
-
-@compiled
-def _normal_equations(
-    jacobian: Array, residuals: Array, weights: Array, hessian: Array, gradient: Array
+def _point_residuals(
+    x: Array,
+    y: Array,
+    z: Array,
+    sigmas: Array,
+    axis: Array,
+    frame: Array,
+    radius: float,
+    out: Array,
+    lefts: Array,
+    ups: Array,
+    places: Array,
 ) -> None:
-    """Add weighted JᵀJ and Jᵀr to ``hessian`` and ``gradient``."""
-    size = hessian.shape[0]
+    """Fill those of the points, all (N,), see ``_residuals``.
+
+    As ``nearest_to_point`` does it, but in one go without branches: the compiler takes several
+    points at a time.
+    """
+    ax, ay, az = axis[0, 0], axis[0, 1], axis[0, 2]
+    ux, uy, uz = axis[1, 0], axis[1, 1], axis[1, 2]
+    bx, by, bz = axis[2, 0], axis[2, 1], axis[2, 2]
+    lx, ly, lz = frame[2, 0], frame[2, 1], frame[2, 2]
+    hx, hy, hz = frame[3, 0], frame[3, 1], frame[3, 2]
+    for i in range(x.shape[0]):
+        px, py, pz = x[i] - ax, y[i] - ay, z[i] - az
+        # The nearest place of the tangent at t = 0, then of the one there, twice.
+        t = (px * ux + py * uy + pz * uz) / (ux * ux + uy * uy + uz * uz)
+        vx, vy, vz, dx, dy, dz = _away(px, py, pz, ux, uy, uz, bx, by, bz, t)
+        t += (vx * dx + vy * dy + vz * dz) / (dx * dx + dy * dy + dz * dz)
+        vx, vy, vz, dx, dy, dz = _away(px, py, pz, ux, uy, uz, bx, by, bz, t)
+        along = vx * dx + vy * dy + vz * dz
+        square = vx * vx + vy * vy + vz * vz - along * along / (dx * dx + dy * dy + dz * dz)
+        distance = max(1e-9, np.sqrt(max(0.0, square)))
+        out[i] = (distance - radius) / sigmas[i]
+        scale = -1.0 / (distance * sigmas[i])
+        lefts[i] = scale * (vx * lx + vy * ly + vz * lz)
+        ups[i] = scale * (vx * hx + vy * hy + vz * hz)
+        places[i] = t
+
+
+@compiled
+def _away(
+    px: float,
+    py: float,
+    pz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    bx: float,
+    by: float,
+    bz: float,
+    t: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Return the way from the place at t of an axis through 0 to a point, and the tangent there."""
+    half = 0.5 * t * t
+    return (
+        px - t * ux - half * bx,
+        py - t * uy - half * by,
+        pz - t * uz - half * bz,
+        ux + t * bx,
+        uy + t * by,
+        uz + t * bz,
+    )
+
+
+@compiled_sums
+def _normal_equations(
+    shifts: Array, residuals: Array, weights: Array, hessian: Array, gradient: Array
+) -> None:
+    """Add weighted JᵀJ and Jᵀr to ``hessian``, (6, 6), and ``gradient``, (6,).
+
+    Args:
+        shifts, residuals: see ``_residuals``. A shift to the left and up grows with t by the
+            direction's parameters, and with t² / 2 by the bend's.
+        weights: (N,).
+        hessian, gradient: changed.
+    """
+    lefts, ups, places = shifts[0], shifts[1], shifts[2]
+    ll0, ll1, ll2, ll3, ll4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    lu0, lu1, lu2, lu3, lu4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    uu0, uu1, uu2, uu3, uu4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    l0, l1, l2, u0, u1, u2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(residuals.shape[0]):
-        w = weights[i]
-        if w == 0.0:
-            continue
-        for a in range(size):
-            wa = w * jacobian[a, i]
-            gradient[a] += wa * residuals[i]
-            for b in range(a + 1):
-                hessian[a, b] += wa * jacobian[b, i]
-    for a in range(size):
-        for b in range(a):
-            hessian[b, a] = hessian[a, b]
+        t, half = places[i], 0.5 * places[i] * places[i]
+        wl, wu = weights[i] * lefts[i], weights[i] * ups[i]
+        ll, lu, uu = wl * lefts[i], wl * ups[i], wu * ups[i]
+        lr, ur = wl * residuals[i], wu * residuals[i]
+        ll0 += ll
+        ll1 += t * ll
+        ll2 += half * ll
+        ll3 += half * t * ll
+        ll4 += half * half * ll
+        lu0 += lu
+        lu1 += t * lu
+        lu2 += half * lu
+        lu3 += half * t * lu
+        lu4 += half * half * lu
+        uu0 += uu
+        uu1 += t * uu
+        uu2 += half * uu
+        uu3 += half * t * uu
+        uu4 += half * half * uu
+        l0 += lr
+        l1 += t * lr
+        l2 += half * lr
+        u0 += ur
+        u1 += t * ur
+        u2 += half * ur
+    _add_products(hessian, 0, 0, ll0, ll1, ll2, ll3, ll4)
+    _add_products(hessian, 0, 1, lu0, lu1, lu2, lu3, lu4)
+    _add_products(hessian, 1, 0, lu0, lu1, lu2, lu3, lu4)
+    _add_products(hessian, 1, 1, uu0, uu1, uu2, uu3, uu4)
+    gradient[0] += l0
+    gradient[1] += u0
+    gradient[2] += l1
+    gradient[3] += u1
+    gradient[4] += l2
+    gradient[5] += u2
+
+
+@compiled
+def _add_products(
+    hessian: Array, a: int, b: int, s0: float, s1: float, s2: float, s3: float, s4: float
+) -> None:
+    """Add sums of products with 1, t, h = t² / 2, t h and h² where a shift meets another's."""
+    hessian[a, b] += s0
+    hessian[a, 2 + b] += s1
+    hessian[2 + a, b] += s1
+    hessian[a, 4 + b] += s2
+    hessian[4 + a, b] += s2
+    # t times t is twice h.
+    hessian[2 + a, 2 + b] += 2.0 * s2
+    hessian[2 + a, 4 + b] += s3
+    hessian[4 + a, 2 + b] += s3
+    hessian[4 + a, 4 + b] += s4
+
+
+@compiled
+def _weigh(residuals: Array, width: float, weights: Array) -> None:
+    """Fill Tukey's weights, 0 to 1, of residuals, (N,)."""
+    for i in range(residuals.shape[0]):
+        ratio = residuals[i] / width
+        inside = max(0.0, 1.0 - ratio * ratio)
+        weights[i] = inside * inside
 
 
 @compiled
@@ -196,8 +319,8 @@ def _gauss_newton(
     """Move the parameters step by step, with Tukey's weights of one width after the other.
 
     Args:
-        frame, radius: see ``_residuals``.
-        points, point_sigmas, rays, origins, sides, ray_sigmas, point_weight, ray_weights: see
+        frame, radius, points: see ``_residuals``.
+        point_sigmas, rays, origins, sides, ray_sigmas, point_weight, ray_weights: see
             ``axis_fit.Evidence``.
         information, mean: of the prior, (6,) and (6,).
         widths: robust widths in standard deviations.
@@ -208,10 +331,10 @@ def _gauss_newton(
     Returns:
         Measured over assumed noise of the points.
     """
-    n = points.shape[0]
+    n = points.shape[1]
     size = weights.shape[0]
     residuals = np.empty(size)
-    jacobian = np.empty((PARAMETERS, size))
+    shifts = np.empty((3, size))
     scaled = np.empty(size)
     noise = 1.0
     for width in widths:
@@ -226,18 +349,15 @@ def _gauss_newton(
             sides,
             ray_sigmas,
             residuals,
-            jacobian,
+            shifts,
         )
-        for i in range(size):
-            scale = noise if i < n else 1.0
-            base = point_weight if i < n else ray_weights[i - n]
-            ratio = residuals[i] / (scale * width)
-            inside = max(0.0, 1.0 - ratio * ratio)
-            weights[i] = inside * inside
-            scaled[i] = base * weights[i] / (scale * scale)
+        _weigh(residuals[:n], noise * width, weights[:n])
+        _weigh(residuals[n:], width, weights[n:])
+        scaled[:n] = point_weight / (noise * noise) * weights[:n]
+        scaled[n:] = ray_weights * weights[n:]
         hessian[:] = np.diag(information)
         gradient = information * (parameters - mean)
-        _normal_equations(jacobian, residuals, scaled, hessian, gradient)
+        _normal_equations(shifts, residuals, scaled, hessian, gradient)
         if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
             parameters[:] = np.nan
             break
@@ -292,7 +412,7 @@ def fit_rows(
     noise = _gauss_newton(
         frame,
         radius,
-        points,
+        np.ascontiguousarray(points.T),
         point_sigmas,
         rays,
         origins,

@@ -424,6 +424,12 @@ def test_an_axis_moved_along_itself_is_the_same_axis() -> None:
 # Compiled kernels.
 
 
+def jacobian_of(shifts: Array) -> Array:
+    """(6, N): a parameter shifts a place of the axis to the left or up, by 1, t or t² / 2."""
+    left, up, t = shifts
+    return np.stack((left, up, t * left, t * up, 0.5 * t * t * left, 0.5 * t * t * up))
+
+
 def test_residuals_agree_with_a_slow_reference() -> None:
     random = np.random.default_rng(8)
     cylinder = pipe()
@@ -436,11 +442,12 @@ def test_residuals_agree_with_a_slow_reference() -> None:
     rays = rays + random.normal(0.0, 0.02, rays.shape)
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     sigmas, ray_sigmas = random.uniform(0.004, 0.01, 15), random.uniform(5e-4, 1e-3, len(rays))
-    out, jacobian = np.empty(15 + len(rays)), np.empty((6, 15 + len(rays)))
-    evidence = (frame, 0.3, points, sigmas, rays, origins, sides, ray_sigmas)
-    _residuals(values, *evidence, out, jacobian)
+    out, shifts = np.empty(15 + len(rays)), np.empty((3, 15 + len(rays)))
+    evidence = (frame, 0.3, points.T.copy(), sigmas, rays, origins, sides, ray_sigmas)
+    _residuals(values, *evidence, out, shifts)
+    jacobian = jacobian_of(shifts)
     # Derivatives by differences: of rays within what a change of their depth does.
-    shifted, unused = np.empty_like(out), np.empty_like(jacobian)
+    shifted, unused = np.empty_like(out), np.empty_like(shifts)
     for a in range(6):
         moved = values.copy()
         moved[a] += 1e-6
@@ -473,11 +480,12 @@ def test_residuals_agree_with_a_slow_reference() -> None:
 
 def test_normal_equations_agree_with_numpy() -> None:
     random = np.random.default_rng(9)
-    jacobian, residuals = random.normal(size=(6, 40)), random.normal(size=40)
+    shifts, residuals = random.normal(size=(3, 40)), random.normal(size=40)
+    jacobian = jacobian_of(shifts)
     weights = random.uniform(0.0, 1.0, 40)
     weights[::4] = 0.0
     hessian, gradient = np.eye(6), np.ones(6)
-    _normal_equations(jacobian, residuals, weights, hessian, gradient)
+    _normal_equations(shifts, residuals, weights, hessian, gradient)
     assert np.allclose(hessian, np.eye(6) + jacobian @ np.diag(weights) @ jacobian.T)
     assert np.allclose(gradient, 1.0 + jacobian @ (weights * residuals))
 
@@ -500,9 +508,10 @@ def test_the_steps_agree_with_numpy() -> None:
     information, values, noise = np.diag(1.0 / np.square(prior.sigmas)), np.zeros(6), 1.0
     hessian, weights = information, base
     for width in widths:
-        out, jacobian = np.empty(size), np.empty((6, size))
-        rows = (data.points, data.point_sigmas, data.rays, data.origins, data.sides)
-        _residuals(values, frame, 0.3, *rows, data.ray_sigmas, out, jacobian)
+        out, shifts = np.empty(size), np.empty((3, size))
+        rows = (data.points.T.copy(), data.point_sigmas, data.rays, data.origins, data.sides)
+        _residuals(values, frame, 0.3, *rows, data.ray_sigmas, out, shifts)
+        jacobian = jacobian_of(shifts)
         scale = np.where(np.arange(size) < len(points), noise, 1.0)
         weights = np.square(np.clip(1.0 - np.square(out / scale / width), 0.0, None))
         scaled = base * weights / np.square(scale)
