@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.geometry.bent_axis import move_along, nearest_to_ray
+from pipeline_tracker.geometry.bent_axis import move_along, nearest_to_points, nearest_to_ray
 from pipeline_tracker.jit import compiled, compiled_sums
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def _residuals(
         parameters: (6,).
         frame: rows p, d, left, up, bend of the start.
         radius: m.
-        points: (3, N), row by row; the coordinates of ``axis_fit.Evidence.points``.
+        points: (3, N), x, y and z of ``axis_fit.Evidence.points``.
         point_sigmas, rays, origins, sides, ray_sigmas: see ``axis_fit.Evidence``.
         out: (N + M,), filled.
         shifts: (3, N + M), filled: what a shift of the axis by 1 m to the left and up does to each
@@ -105,9 +105,7 @@ def _residuals(
     _moved_axis(parameters, frame, axis)
     n = points.shape[1]
     _point_residuals(
-        points[0],
-        points[1],
-        points[2],
+        points,
         point_sigmas,
         axis,
         frame,
@@ -137,9 +135,7 @@ def _residuals(
 
 @compiled
 def _point_residuals(
-    x: Array,
-    y: Array,
-    z: Array,
+    points: Array,
     sigmas: Array,
     axis: Array,
     frame: Array,
@@ -149,56 +145,19 @@ def _point_residuals(
     ups: Array,
     places: Array,
 ) -> None:
-    """Fill those of the points, all (N,), see ``_residuals``.
-
-    As ``nearest_to_point`` does it, but in one go without branches: the compiler takes several
-    points at a time.
-    """
-    ax, ay, az = axis[0, 0], axis[0, 1], axis[0, 2]
-    ux, uy, uz = axis[1, 0], axis[1, 1], axis[1, 2]
-    bx, by, bz = axis[2, 0], axis[2, 1], axis[2, 2]
+    """Fill those of the points, all (N,), see ``_residuals``."""
+    nearest = np.empty((5, points.shape[1]))
+    nearest_to_points(axis, points, nearest)
+    distances, vx, vy, vz = nearest[0], nearest[1], nearest[2], nearest[3]
     lx, ly, lz = frame[2, 0], frame[2, 1], frame[2, 2]
-    hx, hy, hz = frame[3, 0], frame[3, 1], frame[3, 2]
-    for i in range(x.shape[0]):
-        px, py, pz = x[i] - ax, y[i] - ay, z[i] - az
-        # The nearest place of the tangent at t = 0, then of the one there, twice.
-        t = (px * ux + py * uy + pz * uz) / (ux * ux + uy * uy + uz * uz)
-        vx, vy, vz, dx, dy, dz = _away(px, py, pz, ux, uy, uz, bx, by, bz, t)
-        t += (vx * dx + vy * dy + vz * dz) / (dx * dx + dy * dy + dz * dz)
-        vx, vy, vz, dx, dy, dz = _away(px, py, pz, ux, uy, uz, bx, by, bz, t)
-        along = vx * dx + vy * dy + vz * dz
-        square = vx * vx + vy * vy + vz * vz - along * along / (dx * dx + dy * dy + dz * dz)
-        distance = max(1e-9, np.sqrt(max(0.0, square)))
+    ux, uy, uz = frame[3, 0], frame[3, 1], frame[3, 2]
+    for i in range(distances.shape[0]):
+        distance = max(1e-9, distances[i])
         out[i] = (distance - radius) / sigmas[i]
         scale = -1.0 / (distance * sigmas[i])
-        lefts[i] = scale * (vx * lx + vy * ly + vz * lz)
-        ups[i] = scale * (vx * hx + vy * hy + vz * hz)
-        places[i] = t
-
-
-@compiled
-def _away(
-    px: float,
-    py: float,
-    pz: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    bx: float,
-    by: float,
-    bz: float,
-    t: float,
-) -> tuple[float, float, float, float, float, float]:
-    """Return the way from the place at t of an axis through 0 to a point, and the tangent there."""
-    half = 0.5 * t * t
-    return (
-        px - t * ux - half * bx,
-        py - t * uy - half * by,
-        pz - t * uz - half * bz,
-        ux + t * bx,
-        uy + t * by,
-        uz + t * bz,
-    )
+        lefts[i] = scale * (vx[i] * lx + vy[i] * ly + vz[i] * lz)
+        ups[i] = scale * (vx[i] * ux + vy[i] * uy + vz[i] * uz)
+    places[:] = nearest[4]
 
 
 @compiled_sums

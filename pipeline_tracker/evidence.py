@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, Evidence
 from pipeline_tracker.face import SPAN, face_evidence
-from pipeline_tracker.geometry.bent_axis import nearest_to_point, nearest_to_ray
+from pipeline_tracker.geometry.bent_axis import nearest_to_points, nearest_to_ray, nearest_to_rays
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.jit import compiled
 from pipeline_tracker.surface import SurfacePoints
@@ -42,25 +42,14 @@ REFERENCE_WIDTH = 1200.0
 
 
 @compiled
-def _measure_rays(rays: Array, offset: float, axis: Array, out: Array) -> None:
-    """Fill (N, 3) as ``rays_to_axis`` returns them."""
-    for i in range(rays.shape[0]):
-        aside, depth, t, _, _, _ = nearest_to_ray(axis, offset, rays[i, 0], rays[i, 1], rays[i, 2])
-        out[i, 0] = aside
-        out[i, 1] = depth
-        out[i, 2] = t
-
-
-@compiled
 def _measure_points(points: Array, axis: Array, normals: Array, distances: Array) -> None:
     """Fill (N, 3) and (N,) as ``distances_from_axis`` returns them."""
+    nearest = np.empty((5, points.shape[0]))
+    nearest_to_points(axis, np.ascontiguousarray(points.T), nearest)
     for i in range(points.shape[0]):
-        distance, vx, vy, vz, _ = nearest_to_point(axis, points[i, 0], points[i, 1], points[i, 2])
-        scale = 1.0 / max(distance, 1e-9)
-        normals[i, 0] = vx * scale
-        normals[i, 1] = vy * scale
-        normals[i, 2] = vz * scale
-        distances[i] = distance
+        distances[i] = nearest[0, i]
+        for c in range(3):
+            normals[i, c] = nearest[1 + c, i] / max(distances[i], 1e-9)
 
 
 def rays_to_axis(rays: Array, camera: Camera, axis: Axis) -> Array:
@@ -75,9 +64,9 @@ def rays_to_axis(rays: Array, camera: Camera, axis: Axis) -> Array:
         (N, 3): distance between ray and axis, positive where the ray passes to the right of it as
         seen along travel, m; depth along the ray, m; t of the nearest place of the axis, m.
     """
-    out = np.empty((rays.shape[0], 3))
-    _measure_rays(np.ascontiguousarray(rays), camera.offset, axis.rows, out)
-    return out
+    out = np.empty((3, rays.shape[0]))
+    nearest_to_rays(axis.rows, camera.offset, np.ascontiguousarray(rays.T), out)
+    return out.T
 
 
 def distances_from_axis(points: Array, axis: Axis) -> tuple[Array, Array]:
@@ -167,22 +156,24 @@ def _segments_near(
         reach: px beside what ``_REACH`` covers.
         mask: (N,), filled.
     """
-    for i in range(segments.shape[0]):
-        mask[i] = True
-        for end in range(2):
-            rx, ry, rz = _unit_ray(segments, i, end, camera)
-            aside, depth, _, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
-            if not abs(abs(aside) - radius) < _REACH + reach * abs(depth) / camera[0]:
-                mask[i] = False
-                break
+    rays, measured = np.empty((3, segments.shape[0])), np.empty((3, segments.shape[0]))
+    mask[:] = True
+    for end in range(2):
+        for i in range(segments.shape[0]):
+            rays[0, i], rays[1, i], rays[2, i] = _unit_ray(segments, i, end, camera)
+        nearest_to_rays(axis, camera[6], rays, measured)
+        for i in range(segments.shape[0]):
+            far = _REACH + reach * abs(measured[1, i]) / camera[0]
+            mask[i] &= abs(abs(measured[0, i]) - radius) < far
 
 
 @compiled
 def _rays_near(rays: Array, axis: Array, radius: float, mask: NDArray[np.bool_]) -> None:
     """Tell which rays of the left camera may meet the face of what the axis may become, (N,)."""
+    measured = np.empty((3, rays.shape[0]))
+    nearest_to_rays(axis, 0.0, np.ascontiguousarray(rays.T), measured)
     for i in range(rays.shape[0]):
-        aside, _, t, _, _, _ = nearest_to_ray(axis, 0.0, rays[i, 0], rays[i, 1], rays[i, 2])
-        mask[i] = abs(aside) < radius + _REACH and abs(t) < SPAN + _REACH
+        mask[i] = abs(measured[0, i]) < radius + _REACH and abs(measured[2, i]) < SPAN + _REACH
 
 
 @compiled

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.geometry.bent_axis import nearest_to_point, nearest_to_ray
+from pipeline_tracker.geometry.bent_axis import nearest_to_points, nearest_to_rays
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.jit import compiled
 from pipeline_tracker.surface import SurfacePoints, tells_shape
@@ -48,17 +48,20 @@ def pixel_of(camera: Camera) -> float:
 
 
 @compiled
-def _sees_face(
-    rays: Array, i: int, axis: Array, radius: float, share: float, pixel: float
-) -> tuple[bool, float, float]:
-    """Tell whether ray i of the left camera meets the pipe's face.
+def _measure_rays(rays: Array, axis: Array) -> Array:
+    """Return distance, depth and t, (3, N), of rays (N, 3) of the left camera."""
+    measured = np.empty((3, rays.shape[0]))
+    nearest_to_rays(axis, 0.0, np.ascontiguousarray(rays.T), measured)
+    return measured
 
-    Returns:
-        That; the ray's distance from the axis, m, and t of the axis there, m.
-    """
-    aside, depth, t, _, _, _ = nearest_to_ray(axis, 0.0, rays[i, 0], rays[i, 1], rays[i, 2])
+
+@compiled
+def _meets_face(
+    aside: float, depth: float, t: float, radius: float, share: float, pixel: float
+) -> bool:
+    """Tell whether a ray that was measured against the axis meets the pipe's face."""
     margin = min(radius - _BORDER * pixel * depth, max(radius * share, 0.0))
-    return abs(aside) < margin and depth > 0.0 and abs(t) < SPAN, aside, t
+    return abs(aside) < margin and depth > 0.0 and abs(t) < SPAN
 
 
 @compiled
@@ -79,46 +82,68 @@ def _put_on_pipe(
     points: Array,
     rays: Array,
     depth_sigmas: Array,
-    i: int,
-    aside: float,
+    chosen: NDArray[np.int64],
+    asides: Array,
     axis: Array,
     radius: float,
     pixel: float,
     out: Array,
-    k: int,
-) -> tuple[float, float]:
-    """Put point i of the face to where its surface is, see ``without_sag``, and measure it.
+    distances: Array,
+    sigmas: Array,
+) -> None:
+    """Put points of the face to where its surface is, see ``without_sag``, and measure them.
 
     Args:
-        points, rays, depth_sigmas, i: the point.
-        aside: distance of its ray from the axis, m.
+        points, rays, depth_sigmas: of the surface.
+        chosen: which of them, (K,).
+        asides: distances of all rays from the axis, (N,), m.
         axis, radius, pixel: of the pipe and the camera.
-        out, k: row k is filled with the point less its sag, m.
-
-    Returns:
-        Its distance from the axis and the standard deviation of that, m.
+        out: (K or more, 3), filled with the points less their sag, m.
+        distances, sigmas: (K or more,), filled with their distances from the axis and the standard
+            deviations of those, m.
     """
-    x, y, z = points[i, 0], points[i, 1], points[i, 2]
-    distance, vx, vy, vz, _ = nearest_to_point(axis, x, y, z)
-    ratio = aside / radius
-    reach = z * pixel
-    round_ = radius * max(1.0 - ratio * ratio, _LEAST_FACING)
-    sag = 0.5 * _PATCH_VARIANCE * reach * reach / round_
-    scale = 1.0 / max(distance, 1e-9)
-    out[k, 0] = x + sag * scale * vx
-    out[k, 1] = y + sag * scale * vy
-    out[k, 2] = z + sag * scale * vz
-    facing = scale * (vx * rays[i, 0] + vy * rays[i, 1] + vz * rays[i, 2])
-    return distance + sag, distance_sigma(depth_sigmas[i], facing)
+    own, nearest = np.empty((3, chosen.shape[0])), np.empty((5, chosen.shape[0]))
+    for k in range(chosen.shape[0]):
+        for c in range(3):
+            own[c, k] = points[chosen[k], c]
+    nearest_to_points(axis, own, nearest)
+    for k in range(chosen.shape[0]):
+        i = chosen[k]
+        vx, vy, vz = nearest[1, k], nearest[2, k], nearest[3, k]
+        ratio = asides[i] / radius
+        reach = own[2, k] * pixel
+        round_ = radius * max(1.0 - ratio * ratio, _LEAST_FACING)
+        sag = 0.5 * _PATCH_VARIANCE * reach * reach / round_
+        scale = 1.0 / max(nearest[0, k], 1e-9)
+        out[k, 0] = own[0, k] + sag * scale * vx
+        out[k, 1] = own[1, k] + sag * scale * vy
+        out[k, 2] = own[2, k] + sag * scale * vz
+        facing = scale * (vx * rays[i, 0] + vy * rays[i, 1] + vz * rays[i, 2])
+        distances[k] = nearest[0, k] + sag
+        sigmas[k] = distance_sigma(depth_sigmas[i], facing)
 
 
 @compiled
 def _on_face(
+    measured: Array, radius: float, share: float, pixel: float, chosen: NDArray[np.int64]
+) -> int:
+    """Fill the first of ``chosen``, (N,), with the rays that meet the face; how many."""
+    count = 0
+    for i in range(measured.shape[1]):
+        if _meets_face(measured[0, i], measured[1, i], measured[2, i], radius, share, pixel):
+            chosen[count] = i
+            count += 1
+    return count
+
+
+@compiled
+def _face_of_rays(
     rays: Array, axis: Array, radius: float, share: float, pixel: float, mask: Mask
 ) -> None:
-    """Fill the mask, (N,)."""
+    """Fill the mask, (N,), see ``on_face``."""
+    measured = _measure_rays(rays, axis)
     for i in range(rays.shape[0]):
-        mask[i], _, _ = _sees_face(rays, i, axis, radius, share, pixel)
+        mask[i] = _meets_face(measured[0, i], measured[1, i], measured[2, i], radius, share, pixel)
 
 
 def on_face(
@@ -130,7 +155,7 @@ def on_face(
         (N,) bool. Says nothing of the points' depth: what lies on or before the pipe is included.
     """
     mask = np.empty(len(surface.rays), np.bool_)
-    _on_face(surface.rays, axis.rows, radius, share, pixel_of(camera), mask)
+    _face_of_rays(surface.rays, axis.rows, radius, share, pixel_of(camera), mask)
     return mask
 
 
@@ -145,9 +170,21 @@ def _without_sag(
     out: Array,
 ) -> None:
     """Fill the points less their sag, (N, 3)."""
-    for i in range(points.shape[0]):
-        aside, _, _, _, _, _ = nearest_to_ray(axis, 0.0, rays[i, 0], rays[i, 1], rays[i, 2])
-        _put_on_pipe(points, rays, depth_sigmas, i, aside, axis, radius, pixel, out, i)
+    n = points.shape[0]
+    asides, unused = _measure_rays(rays, axis)[0], np.empty((2, n))
+    _put_on_pipe(
+        points,
+        rays,
+        depth_sigmas,
+        np.arange(n),
+        asides,
+        axis,
+        radius,
+        pixel,
+        out,
+        unused[0],
+        unused[1],
+    )
 
 
 def without_sag(surface: SurfacePoints, camera: Camera, axis: Axis, radius: float) -> SurfacePoints:
@@ -179,10 +216,13 @@ def without_sag(surface: SurfacePoints, camera: Camera, axis: Axis, radius: floa
 @compiled
 def _point_sigmas(points: Array, rays: Array, depth_sigmas: Array, axis: Array, out: Array) -> None:
     """Fill the standard deviations, (N,)."""
+    nearest = np.empty((5, points.shape[0]))
+    nearest_to_points(axis, np.ascontiguousarray(points.T), nearest)
     for i in range(points.shape[0]):
-        distance, vx, vy, vz, _ = nearest_to_point(axis, points[i, 0], points[i, 1], points[i, 2])
-        facing = (vx * rays[i, 0] + vy * rays[i, 1] + vz * rays[i, 2]) / max(distance, 1e-9)
-        out[i] = distance_sigma(depth_sigmas[i], facing)
+        facing = 0.0
+        for c in range(3):
+            facing += nearest[1 + c, i] * rays[i, c]
+        out[i] = distance_sigma(depth_sigmas[i], facing / max(nearest[0, i], 1e-9))
 
 
 def point_sigmas(surface: SurfacePoints, axis: Axis) -> Array:
@@ -204,17 +244,26 @@ def _face_evidence(
     sigmas: Array,
 ) -> int:
     """Fill the first rows with the face's points less their sag, and their sigmas; how many."""
-    count = 0
-    own_sigmas = np.empty(points.shape[0])
-    for i in range(points.shape[0]):
-        seen, aside, _ = _sees_face(rays, i, axis, radius, FACE_SHARE, pixel)
-        if seen:
-            own_sigmas[count] = depth_sigmas[i]
-            _, sigmas[count] = _put_on_pipe(
-                points, rays, depth_sigmas, i, aside, axis, radius, pixel, out, count
-            )
-            count += 1
-    return count if tells_shape(own_sigmas[:count], radius) else 0
+    measured = _measure_rays(rays, axis)
+    room = np.empty(points.shape[0], np.int64)
+    chosen = room[: _on_face(measured, radius, FACE_SHARE, pixel, room)]
+    if not tells_shape(depth_sigmas[chosen], radius):
+        return 0
+    unused = np.empty(chosen.shape[0])
+    _put_on_pipe(
+        points,
+        rays,
+        depth_sigmas,
+        chosen,
+        measured[0],
+        axis,
+        radius,
+        pixel,
+        out,
+        unused,
+        sigmas,
+    )
+    return len(chosen)
 
 
 def face_evidence(
@@ -257,20 +306,33 @@ def _exposed(
     exposed: Mask,
 ) -> None:
     """Fill the mask, (N,)."""
+    n = points.shape[0]
     seen, on = np.zeros(_SECTIONS), np.zeros(_SECTIONS)
-    section = np.empty(points.shape[0], np.int64)
-    place = np.empty((1, 3))
-    for i in range(points.shape[0]):
-        sees, aside, t = _sees_face(rays, i, axis, radius, FACE_SHARE, pixel)
-        k = int(min(max((t + SPAN) / _SECTION, 0.0), _SECTIONS - 1.0))
-        section[i] = k
-        if sees:
-            distance, sigma = _put_on_pipe(
-                points, rays, depth_sigmas, i, aside, axis, radius, pixel, place, 0
-            )
-            seen[k] += 1.0
-            if abs(distance - radius) < _ON_FACE * sigma:
-                on[k] += 1.0
+    measured = _measure_rays(rays, axis)
+    section, room = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        place = (measured[2, i] + SPAN) / _SECTION
+        section[i] = int(min(max(place, 0.0), _SECTIONS - 1.0))
+    chosen = room[: _on_face(measured, radius, FACE_SHARE, pixel, room)]
+    placed, found = np.empty((chosen.shape[0], 3)), np.empty((2, chosen.shape[0]))
+    _put_on_pipe(
+        points,
+        rays,
+        depth_sigmas,
+        chosen,
+        measured[0],
+        axis,
+        radius,
+        pixel,
+        placed,
+        found[0],
+        found[1],
+    )
+    for j in range(chosen.shape[0]):
+        k = section[chosen[j]]
+        seen[k] += 1.0
+        if abs(found[0, j] - radius) < _ON_FACE * found[1, j]:
+            on[k] += 1.0
     for i in range(points.shape[0]):
         k = section[i]
         exposed[i] = not (seen[k] >= _SECTION_POINTS and on[k] < 0.5 * seen[k])

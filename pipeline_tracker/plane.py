@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 WIDTH = 4.0
 _FULL_COST = WIDTH * WIDTH / 6.0
 _WIDTHS = (12.0, 8.0, WIDTH, WIDTH, WIDTH)
-# Planes through three points that are tried before a fit, and points that judge them; three points
-# that span less than this, m², are in a row.
-_TRIPLES, _JURY, _SLIVER = 64, 100, 1e-9
+# Planes through three points that are tried before a fit: places of the three among the points, as
+# shares of their number, the same for each frame.
+_TRIPLES = np.random.default_rng(0).random((64, 3))
+# Points that judge such a plane; three points that span less than this, m², are in a row.
+_JURY, _SLIVER = 100, 1e-9
 
 
 @compiled
@@ -33,8 +35,7 @@ def plane_cost(points: Array, depth_sigmas: Array, rays: Array) -> Array:
     Begun from the best of many planes through three points: mismatches far off would tilt a fit to
     all, and make anything better than a plane.
     """
-    # The triples are the same for the same number of points.
-    triples = np.random.default_rng(len(points)).integers(0, len(points), (_TRIPLES, 3))
+    triples = (len(points) * _TRIPLES).astype(np.int64)
     cost = np.full(len(points), _FULL_COST)
     _fit_plane(points, depth_sigmas, rays, triples, cost)
     return cost
@@ -73,10 +74,10 @@ def _fit_plane(
         centre = middle / total
         spread = np.zeros((3, 3))
         for i in range(n):
-            away = points[i] - centre
             for a in range(3):
+                off = weights[i] * (points[i, a] - centre[a])
                 for b in range(3):
-                    spread[a, b] += weights[i] * away[a] * away[b]
+                    spread[a, b] += off * (points[i, b] - centre[b])
         _, vectors = np.linalg.eigh(spread)
         normal = np.ascontiguousarray(vectors[:, 0])
 

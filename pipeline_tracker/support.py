@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.evidence import REFERENCE_WIDTH, rays_to_axis
 from pipeline_tracker.face import distance_sigma, on_face, without_sag
-from pipeline_tracker.geometry.bent_axis import nearest_to_point, place_and_tangent
+from pipeline_tracker.geometry.bent_axis import nearest_to_points, place_and_tangent
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.cylinder import NEAR, boundary_in_view, clip_to_view
 from pipeline_tracker.jit import compiled
@@ -167,14 +167,54 @@ def contour_pieces(axis: Axis, radius: float, camera: Camera) -> list[Array]:
 def _line_supports(
     segments: Float32Array, lines: Array, distance: float, angle: float, scratch: Array
 ) -> tuple[float, float]:
-    """Sum what ``line_support`` returns over lines, (K, 4)."""
+    """Sum what ``line_support`` returns over the lines, (K, 4), of a broken one."""
     total = 0.0
     length = 0.0
+    if lines.shape[0] > 1:
+        segments = _near_broken_line(segments, lines, distance, angle)
     for k in range(lines.shape[0]):
         part, own = line_support(segments, lines[k], distance, angle, scratch)
         total += part
         length += own
     return total, length
+
+
+@compiled
+def _near_broken_line(
+    segments: Float32Array, lines: Array, distance: float, angle: float
+) -> Float32Array:
+    """Return the segments that may support a line of a broken one, and some others.
+
+    Most are far from all of its lines: that is asked once, of the straight line from its begin to
+    its end, and not of each.
+    """
+    x0, y0 = lines[0, 0], lines[0, 1]
+    ux, uy = lines[-1, 2] - x0, lines[-1, 3] - y0
+    chord = np.sqrt(ux * ux + uy * uy)
+    if not chord > 0.0:
+        return segments
+    ux, uy = ux / chord, uy / chord
+    # How far the broken line is from the chord, and the sine of the steepest angle between them.
+    bow = 0.0
+    turn = 0.0
+    for k in range(lines.shape[0]):
+        dx, dy = lines[k, 2] - lines[k, 0], lines[k, 3] - lines[k, 1]
+        bow = max(bow, abs((lines[k, 0] - x0) * uy - (lines[k, 1] - y0) * ux))
+        turn = max(turn, abs(dx * uy - dy * ux) / max(np.sqrt(dx * dx + dy * dy), 1e-9))
+    steepest = np.sin(angle) + turn
+    near = np.empty(segments.shape, np.float32)
+    count = 0
+    for i in range(segments.shape[0]):
+        sx, sy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
+        own = np.sqrt(sx * sx + sy * sy)
+        off = 0.5 * (segments[i, 0] + segments[i, 2]) - x0
+        off = abs(off * uy - (0.5 * (segments[i, 1] + segments[i, 3]) - y0) * ux)
+        # A segment's middle may lie beyond the end of the line that it supports.
+        reach = distance + bow + 0.5 * turn * own + 1.0
+        if off <= reach and abs(sx * uy - sy * ux) <= (steepest + 1e-3) * own:
+            near[count] = segments[i]
+            count += 1
+    return near[:count]
 
 
 def contour_support(
@@ -296,9 +336,11 @@ def _face_shares(
     gain = 0.0
     far = axis[0, 0] ** 2 + axis[0, 1] ** 2 + axis[0, 2] ** 2
     n = points.shape[0]
+    nearest = np.empty((5, n))
+    nearest_to_points(axis, np.ascontiguousarray(points.T), nearest)
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        distance, vx, vy, vz, _ = nearest_to_point(axis, x, y, z)
+        distance, vx, vy, vz = nearest[0, i], nearest[1, i], nearest[2, i], nearest[3, i]
         facing = (vx * rays[i, 0] + vy * rays[i, 1] + vz * rays[i, 2]) / max(distance, 1e-9)
         residual = (distance - radius) / distance_sigma(depth_sigmas[i], facing)
         gain += plane[i] - robust_cost(residual)

@@ -121,8 +121,9 @@ def line_support(
         return 0.0, 0.0
     scratch[: int(along[2]) + 1] = 0.0
     total = 0.0
+    least_cosine = np.cos(angle)
     for i in range(segments.shape[0]):
-        total += _contribute(segments, i, line, along, distance, np.cos(angle), scratch)
+        total += _contribute(segments, i, line, along, distance, least_cosine, scratch)
     return total, along[2]
 
 

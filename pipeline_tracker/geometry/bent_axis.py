@@ -46,37 +46,113 @@ def move_along(axis: Array, t: float, out: Array) -> None:
 
 
 @compiled
-def nearest_to_point(
-    axis: Array, px: float, py: float, pz: float
-) -> tuple[float, float, float, float, float]:
-    """Find the place of an axis nearest to a point.
+def _step_to_point(
+    axis: tuple[float, ...], px: float, py: float, pz: float, t: float
+) -> tuple[float, float, float, float, float, float]:
+    """Go from the place at t to the one nearest to a point on the tangent there.
+
+    Returns:
+        The step, m; the square of the distance between point and tangent, m²; the way from the
+        place at t to the point, x y z, m; the place's new t.
+    """
+    half = 0.5 * t * t
+    vx = px - axis[0] - t * axis[3] - half * axis[6]
+    vy = py - axis[1] - t * axis[4] - half * axis[7]
+    vz = pz - axis[2] - t * axis[5] - half * axis[8]
+    # The tangent, of any length.
+    dx, dy, dz = axis[3] + t * axis[6], axis[4] + t * axis[7], axis[5] + t * axis[8]
+    along = vx * dx + vy * dy + vz * dz
+    step = along / (dx * dx + dy * dy + dz * dz)
+    return step, vx * vx + vy * vy + vz * vz - along * step, vx, vy, vz, t + step
+
+
+@compiled
+def nearest_to_points(axis: Array, points: Array, out: Array) -> None:
+    """Find the places of an axis nearest to points.
+
+    Without branches, so that the compiler takes several points at a time.
 
     Args:
         axis: see above.
-        px, py, pz: the point, m.
+        points: (3, N), the coordinates x, y and z, m.
+        out: (5, N), filled with the distance, m; the way from that place to the point, x y z, m;
+            t of the place, m.
+    """
+    numbers = _numbers(axis)
+    x, y, z = points[0], points[1], points[2]
+    distance, right, down, ahead, place = out[0], out[1], out[2], out[3], out[4]
+    for i in range(x.shape[0]):
+        _, _, _, _, _, t = _step_to_point(numbers, x[i], y[i], z[i], 0.0)
+        _, _, _, _, _, t = _step_to_point(numbers, x[i], y[i], z[i], t)
+        _, square, vx, vy, vz, _ = _step_to_point(numbers, x[i], y[i], z[i], t)
+        distance[i] = np.sqrt(max(0.0, square))
+        right[i], down[i], ahead[i] = vx, vy, vz
+        place[i] = t
+
+
+@compiled
+def _numbers(axis: Array) -> tuple[float, ...]:
+    return (
+        axis[0, 0],
+        axis[0, 1],
+        axis[0, 2],
+        axis[1, 0],
+        axis[1, 1],
+        axis[1, 2],
+        axis[2, 0],
+        axis[2, 1],
+        axis[2, 2],
+    )
+
+
+@compiled
+def nearest_to_rays(axis: Array, offset: float, rays: Array, out: Array) -> None:
+    """Find the places of an axis nearest to rays of a camera, as ``nearest_to_ray`` does it.
+
+    Without branches, so that the compiler takes several rays at a time.
+
+    Args:
+        axis, offset: see there.
+        rays: (3, N), x, y and z of their unit directions.
+        out: (3, N), filled with the distance, the depth and t of each.
+    """
+    numbers = _numbers(axis)
+    x, y, z = rays[0], rays[1], rays[2]
+    aside, depth, place = out[0], out[1], out[2]
+    for i in range(x.shape[0]):
+        step, _, _ = _step_to_ray(numbers, offset, x[i], y[i], z[i], 0.0)
+        t = step
+        step, _, _ = _step_to_ray(numbers, offset, x[i], y[i], z[i], t)
+        t += step
+        _, depth[i], aside[i] = _step_to_ray(numbers, offset, x[i], y[i], z[i], t)
+        place[i] = t
+
+
+@compiled
+def _step_to_ray(
+    axis: tuple[float, ...], offset: float, rx: float, ry: float, rz: float, t: float
+) -> tuple[float, float, float]:
+    """Go from the place at t to the one nearest to a ray on the tangent there.
 
     Returns:
-        The distance, m; the way from that place to the point, x y z, m; t of the place, m.
+        The step, m; the depth along the ray, m; the distance between ray and tangent, m, positive
+        as ``nearest_to_ray`` has it.
     """
-    t = 0.0
-    vx = vy = vz = 0.0
-    square = 0.0
-    for k in range(_STEPS + 1):
-        half = 0.5 * t * t
-        vx = px - axis[0, 0] - t * axis[1, 0] - half * axis[2, 0]
-        vy = py - axis[0, 1] - t * axis[1, 1] - half * axis[2, 1]
-        vz = pz - axis[0, 2] - t * axis[1, 2] - half * axis[2, 2]
-        # The tangent, of any length.
-        dx = axis[1, 0] + t * axis[2, 0]
-        dy = axis[1, 1] + t * axis[2, 1]
-        dz = axis[1, 2] + t * axis[2, 2]
-        along = vx * dx + vy * dy + vz * dz
-        step = along / (dx * dx + dy * dy + dz * dz)
-        square = vx * vx + vy * vy + vz * vz - along * step
-        if k == _STEPS or abs(step) < _STILL:
-            break
-        t += step
-    return np.sqrt(max(0.0, square)), vx, vy, vz, t
+    half = 0.5 * t * t
+    wx = axis[0] + t * axis[3] + half * axis[6] - offset
+    wy = axis[1] + t * axis[4] + half * axis[7]
+    wz = axis[2] + t * axis[5] + half * axis[8]
+    # The tangent, of any length.
+    dx, dy, dz = axis[3] + t * axis[6], axis[4] + t * axis[7], axis[5] + t * axis[8]
+    square = dx * dx + dy * dy + dz * dz
+    rd = rx * dx + ry * dy + rz * dz
+    rw = rx * wx + ry * wy + rz * wz
+    dw = dx * wx + dy * wy + dz * wz
+    slope = 1.0 / max(_ALONG, square - rd * rd)
+    mx, my, mz = ry * dz - rz * dy, rz * dx - rx * dz, rx * dy - ry * dx
+    norm = max(_ALONG, np.sqrt(mx * mx + my * my + mz * mz))
+    aside = -(wx * mx + wy * my + wz * mz) / norm
+    return (rd * rw - dw) * slope, (square * rw - rd * dw) * slope, aside
 
 
 @compiled
