@@ -64,12 +64,13 @@ class SurfacePoints:
 
     def subset(self, mask: NDArray[np.bool_]) -> SurfacePoints:
         """Return the points where the mask, (N,), is true."""
+        chosen = np.flatnonzero(mask)
         return SurfacePoints(
-            self.points[mask],
-            self.rays[mask],
-            self.depth_sigmas[mask],
-            self.left_pixels[mask],
-            self.right_pixels[mask],
+            self.points.take(chosen, axis=0),
+            self.rays.take(chosen, axis=0),
+            self.depth_sigmas.take(chosen),
+            self.left_pixels.take(chosen, axis=0),
+            self.right_pixels.take(chosen, axis=0),
         )
 
 
@@ -145,30 +146,35 @@ def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
         The points before the cameras; matches without a positive disparity are left out, and those
         that are not inside the images.
     """
-    found = matches.astype(np.float64)
-    size = np.tile([rig.left.width, rig.left.height], 2)
-    found = found[((found > -1.0) & (found < size)).all(axis=1)]
+    room = np.empty((len(matches), 4))
+    found = room[: _inside(matches, rig.left.width, rig.left.height, room)]
     if rig.right is None or found.shape[0] == 0:
         none = np.zeros((0, 3))
         return SurfacePoints(none, none, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
     pixel = disparity_sigma(found, rig.left.width) / rig.left.fx
-    points, rays, sigmas = (
-        np.empty((len(found), 3)),
-        np.empty((len(found), 3)),
-        np.empty(len(found)),
-    )
-    chosen = np.empty(len(found), np.bool_)
-    count = _triangulate(
-        found, rig.left.numbers, rig.right.numbers, pixel, points, rays, sigmas, chosen
-    )
-    found = found[chosen]
+    points, rays = np.empty((len(found), 3)), np.empty((len(found), 3))
+    sigmas = np.empty(len(found))
+    count = _triangulate(found, rig.left.numbers, rig.right.numbers, pixel, points, rays, sigmas)
     return SurfacePoints(
         points=points[:count],
         rays=rays[:count],
         depth_sigmas=sigmas[:count],
-        left_pixels=found[:, :2],
-        right_pixels=found[:, 2:],
+        left_pixels=found[:count, :2],
+        right_pixels=found[:count, 2:],
     )
+
+
+@compiled
+def _inside(matches: Float32Array, width: int, height: int, out: Array) -> int:
+    """Fill the first rows with the matches that are inside both images; how many."""
+    count = 0
+    for i in range(matches.shape[0]):
+        inside = True
+        for c in range(4):
+            out[count, c] = matches[i, c]
+            inside &= -1.0 < out[count, c] < (height if c % 2 else width)
+        count += inside
+    return count
 
 
 @compiled
@@ -180,15 +186,14 @@ def _triangulate(
     points: Array,
     rays: Array,
     sigmas: Array,
-    chosen: NDArray[np.bool_],
 ) -> int:
-    """Fill the first rows with points, rays and sigmas of the depth; which matches, how many.
+    """Fill the first rows with points, rays and sigmas of the depth; how many.
 
     Args:
-        matches: (N, 4), px.
+        matches: (N, 4), px; those of the points are moved to the first rows.
         left, right: numbers of the cameras.
         pixel: standard deviation of a parallax.
-        points, rays, sigmas, chosen: (N, 3), (N, 3), (N,), (N,), filled.
+        points, rays, sigmas: (N, 3), (N, 3), (N,), filled.
     """
     count = 0
     for i in range(matches.shape[0]):
@@ -196,9 +201,10 @@ def _triangulate(
         y = (matches[i, 1] - left[3]) / left[1]
         parallax = x - (matches[i, 2] - right[2]) / right[0]
         # A parallax within its own noise gives no distance at all.
-        chosen[i] = parallax > 4.0 * pixel
-        if not chosen[i]:
+        if not parallax > 4.0 * pixel:
             continue
+        for c in range(4):
+            matches[count, c] = matches[i, c]
         depth = (right[6] - left[6]) / parallax
         length = np.sqrt(x * x + y * y + 1.0)
         points[count, 0], points[count, 1], points[count, 2] = x * depth, y * depth, depth

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # Places are sorted into square cells of about so many; of a thin row, at most so many cells along.
-_PER_CELL, _MOST_CELLS = 3.0, 200
+_PER_CELL, _MOST_CELLS = 1.5, 200
 
 
 def neighbours(places: Array, chosen: Indices, count: int) -> Indices:
@@ -25,17 +25,27 @@ def neighbours(places: Array, chosen: Indices, count: int) -> Indices:
     Returns:
         (K, count) indices, the nearest first; a place is not its own neighbour.
     """
-    corner = places[:, :2].min(axis=0)
-    width, height = (float(side) for side in places[:, :2].max(axis=0) - corner)
-    cell = float(np.sqrt(_PER_CELL * width * height / len(places)))
+    found = np.empty((len(chosen), count), np.int64)
+    _find(places, chosen, found)
+    return found
+
+
+@compiled
+def _find(places: Array, chosen: Indices, found: Indices) -> None:
+    """Fill (K, count), see ``neighbours``."""
+    n = places.shape[0]
+    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
+    for i in range(n):
+        for c in range(2):
+            low[c], high[c] = min(low[c], places[i, c]), max(high[c], places[i, c])
+    width, height = high[0] - low[0], high[1] - low[1]
+    cell = np.sqrt(_PER_CELL * width * height / n)
     cell = max(cell, max(width, height) / _MOST_CELLS, 1e-9)
     columns, rows = int(width / cell) + 1, int(height / cell) + 1
-    of_place, order = np.empty(len(places), np.int64), np.empty(len(places), np.int64)
+    of_place, order = np.empty(n, np.int64), np.empty(n, np.int64)
     starts = np.zeros(columns * rows + 1, np.int64)
-    _sort_by_cell(places, corner, cell, columns, of_place, order, starts)
-    found = np.empty((len(chosen), count), np.int64)
+    _sort_by_cell(places, low, cell, columns, of_place, order, starts)
     _search(places, chosen, of_place, order, starts, columns, cell, found)
-    return found
 
 
 @compiled
