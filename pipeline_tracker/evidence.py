@@ -177,6 +177,62 @@ def _rays_near(rays: Array, axis: Array, radius: float, mask: NDArray[np.bool_])
 
 
 @compiled
+def choose_segments(
+    segments: Float32Array,
+    camera: Array,
+    axis: Array,
+    radius: float,
+    gate: float,
+    angle: float,
+    span: float,
+    chosen: NDArray[np.int64],
+    sides: Array,
+) -> int:
+    """Find the segments along the contours of an axis.
+
+    Args:
+        segments, radius, gate, angle, span: see ``contour_rays``.
+        camera, axis: numbers and rows.
+        chosen, sides: (N,), the first of them filled with numbers of segments and with the side of
+            their contour, -1 left and +1 right.
+
+    Returns:
+        How many there are.
+    """
+    scale = max(1.0, camera[4] / REFERENCE_WIDTH)
+    rays, measured = np.empty((3, segments.shape[0])), np.empty((3, segments.shape[0]))
+    for i in range(segments.shape[0]):
+        rays[0, i], rays[1, i], rays[2, i] = _unit_ray(segments, i, 0, camera)
+    nearest_to_rays(axis, camera[6], rays, measured)
+    count = 0
+    for i in range(segments.shape[0]):
+        aside, depth, t = measured[0, i], measured[1, i], measured[2, i]
+        first = (abs(aside) - radius) * camera[0] / max(depth, 0.05)
+        # Most segments are far from the contour with their first end.
+        if not (abs(first) < gate and depth > 0.0 and abs(t) < span):
+            continue
+        rx, ry, rz = _unit_ray(segments, i, 1, camera)
+        other, depth, t, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
+        second = (abs(other) - radius) * camera[0] / max(depth, 0.05)
+        if not (abs(second) < gate and depth > 0.0 and abs(t) < span):
+            continue
+        # The ends of a segment may always differ by a little.
+        steepest = max(np.sin(angle) * _length(segments, i), _SLACK * scale)
+        if (aside > 0.0) == (other > 0.0) and abs(first - second) < steepest:
+            chosen[count] = i
+            sides[count] = 1.0 if aside > 0.0 else -1.0
+            count += 1
+    return count
+
+
+@compiled
+def _length(segments: Float32Array, i: int) -> float:
+    dx = np.float64(segments[i, 2]) - segments[i, 0]
+    dy = np.float64(segments[i, 3]) - segments[i, 1]
+    return float(np.sqrt(dx * dx + dy * dy))
+
+
+@compiled
 def _contour_rays(
     segments: Float32Array,
     camera: Array,
@@ -202,31 +258,19 @@ def _contour_rays(
         The row after the last that is filled.
     """
     scale = camera[4] / REFERENCE_WIDTH
+    chosen, side = np.empty(segments.shape[0], np.int64), np.empty(segments.shape[0])
+    count = choose_segments(segments, camera, axis, radius, gate, angle, span, chosen, side)
     sums = np.zeros(2)
     row = begin
-    for i in range(segments.shape[0]):
-        first = 0.0
+    for k in range(count):
+        i = chosen[k]
+        weight = _length(segments, i) / (2.0 * EDGE_SAMPLE * scale)
+        sums[int(side[k] > 0.0)] += 2.0 * weight
         for end in range(2):
-            rx, ry, rz = _unit_ray(segments, i, end, camera)
-            aside, depth, t, _, _, _ = nearest_to_ray(axis, camera[6], rx, ry, rz)
-            off = (abs(aside) - radius) * camera[0] / max(depth, 0.05)
-            # Most segments are far from the contour with their first end.
-            if not (abs(off) < gate and depth > 0.0 and abs(t) < span):
-                break
-            rays[row + end, 0], rays[row + end, 1], rays[row + end, 2] = rx, ry, rz
-            sides[row + end] = 1.0 if aside > 0.0 else -1.0
-            if end == 0:
-                first = off
-                continue
-            dx = np.float64(segments[i, 2]) - segments[i, 0]
-            dy = np.float64(segments[i, 3]) - segments[i, 1]
-            length = np.sqrt(dx * dx + dy * dy)
-            # The ends of a segment may always differ by a little.
-            steepest = max(np.sin(angle) * length, _SLACK * max(1.0, scale))
-            if sides[row] == sides[row + 1] and abs(first - off) < steepest:
-                weights[row] = weights[row + 1] = length / (2.0 * EDGE_SAMPLE * scale)
-                sums[int(sides[row] > 0.0)] += 2.0 * weights[row]
-                row += 2
+            rays[row, 0], rays[row, 1], rays[row, 2] = _unit_ray(segments, i, end, camera)
+            sides[row] = side[k]
+            weights[row] = weight
+            row += 1
     for k in range(begin, row):
         weights[k] *= min(1.0, MOST_SAMPLES / max(sums[int(sides[k] > 0.0)], 1e-9))
     return row

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.jit import compiled, compiled_sums
 from pipeline_tracker.types import Float32Array
 
 Array = NDArray[np.float64]
 
-# An angle on the threshold is left to the comparison of cosines, rad.
+# Distances so near to the threshold are computed once more, px.
 _ROUNDING = 1e-6
 
 
@@ -35,7 +35,7 @@ def _contribute(
     distance: float,
     least_cosine: float,
     cells: Array,
-) -> float:
+) -> None:
     """Let segment i contribute to the places of a line where it is better than those before it.
 
     Args:
@@ -46,9 +46,6 @@ def _contribute(
         distance: R, px.
         least_cosine: that of A.
         cells: best contribution to each pixel of the line so far, changed.
-
-    Returns:
-        By how much the sum of all cells grows.
     """
     x0, y0 = line[0], line[1]
     ux, uy, length = along
@@ -56,33 +53,30 @@ def _contribute(
     my = 0.5 * (segments[i, 1] + segments[i, 3]) - y0
     r = abs(mx * uy - my * ux)
     if not r <= distance:
-        return 0.0
+        return
     sx = segments[i, 2] - segments[i, 0]
     sy = segments[i, 3] - segments[i, 1]
     own = np.sqrt(sx * sx + sy * sy)
     if not (own > 0.0 and abs(sx * ux + sy * uy) >= least_cosine * own):
-        return 0.0
+        return
     low, high = _interval_on(segments, i, x0, y0, ux, uy, length)
     if not high > low:
-        return 0.0
+        return
     value = 1.0 - r / distance
     first, last = int(low), min(int(high), int(length))
-    more = _raise(cells, first, value * (min(high, first + 1.0) - low))
+    cells[first] = max(cells[first], value * (min(high, first + 1.0) - low))
     for k in range(first + 1, last):
-        more += _raise(cells, k, value)
+        cells[k] = max(cells[k], value)
     if last > first:
-        more += _raise(cells, last, value * (high - last))
-    return more
+        cells[last] = max(cells[last], value * (high - last))
 
 
-@compiled
-def _raise(cells: Array, k: int, value: float) -> float:
-    """Raise a cell to a value, if it is below, and return by how much."""
-    more = value - cells[k]
-    if not more > 0.0:
-        return 0.0
-    cells[k] = value
-    return float(more)
+@compiled_sums
+def _sum(cells: Array) -> float:
+    total = 0.0
+    for k in range(cells.shape[0]):
+        total += cells[k]
+    return total
 
 
 @compiled
@@ -119,66 +113,56 @@ def line_support(
     along = _direction(line)
     if not along[2] > 0.0:
         return 0.0, 0.0
-    scratch[: int(along[2]) + 1] = 0.0
-    total = 0.0
+    cells = scratch[: int(along[2]) + 1]
+    cells[:] = 0.0
     least_cosine = np.cos(angle)
     for i in range(segments.shape[0]):
-        total += _contribute(segments, i, line, along, distance, least_cosine, scratch)
-    return total, along[2]
+        _contribute(segments, i, line, along, distance, least_cosine, cells)
+    return _sum(cells), along[2]
 
 
-def sorted_by_angle(segments: Float32Array) -> tuple[Float32Array, Array]:
-    """Sort segments by their direction, for ``support_of_sorted``.
-
-    Args:
-        segments: (N, 4) float32, px; those that are points, or not finite, are left out.
-
-    Returns:
-        (M, 4) float32, and their angles, (M,), 0 to below π, ascending.
-    """
+def middles_of(segments: Float32Array) -> Array:
+    """Return x and y of the middles of segments, (2, N), px, for ``support_by_middles``."""
     ends = segments.astype(np.float64)
-    ways = ends[:, 2:] - ends[:, :2]
-    angles = np.mod(np.arctan2(ways[:, 1], ways[:, 0]), np.pi)
-    usable = np.isfinite(angles) & (np.abs(ways).sum(axis=1) > 0.0)
-    chosen = np.flatnonzero(usable)
-    order = chosen[np.argsort(angles[chosen], kind="stable")]
-    return np.ascontiguousarray(segments[order], np.float32), angles[order]
+    return np.ascontiguousarray(0.5 * (ends[:, :2] + ends[:, 2:]).T)
 
 
 @compiled
-def support_of_sorted(
+def support_by_middles(
     segments: Float32Array,
-    angles: Array,
+    middles: Array,
     line: Array,
     distance: float,
     angle: float,
     scratch: Array,
+    off: Array,
 ) -> float:
-    """Sum the contributions to a line as ``line_support`` does, of segments sorted by direction.
+    """Sum the contributions to a line as ``line_support`` does, where many lines are voted for.
 
-    Only those that run as the line does are looked at, which pays where many lines are voted for.
+    Most segments are too far from a line: their middles are looked at first, several at a time.
 
     Args:
-        segments, angles: as ``sorted_by_angle`` returns them.
+        segments, middles: (N, 4) and what ``middles_of`` makes of them.
         line, distance, angle, scratch: see ``line_support``.
+        off: (N,), overwritten.
     """
     along = _direction(line)
     if not along[2] > 0.0:
         return 0.0
-    scratch[: int(along[2]) + 1] = 0.0
-    middle = np.arctan2(along[1], along[0]) % np.pi
+    ux, uy = along[0], along[1]
+    level = line[0] * uy - line[1] * ux
+    for i in range(off.shape[0]):
+        off[i] = abs(middles[0, i] * uy - middles[1, i] * ux - level)
+    cells = scratch[: int(along[2]) + 1]
+    clear = False
     least_cosine = np.cos(angle)
-    total = 0.0
-    # Directions go round: those near 0 and near π are alike.
-    for turn in (-np.pi, 0.0, np.pi):
-        low, high = middle + turn - angle - _ROUNDING, middle + turn + angle + _ROUNDING
-        if high < 0.0 or low > np.pi:
-            continue
-        i = np.searchsorted(angles, low)
-        while i < angles.shape[0] and angles[i] <= high:
-            total += _contribute(segments, i, line, along, distance, least_cosine, scratch)
-            i += 1
-    return total
+    for i in range(off.shape[0]):
+        if off[i] <= distance + _ROUNDING:
+            if not clear:
+                cells[:] = 0.0
+                clear = True
+            _contribute(segments, i, line, along, distance, least_cosine, cells)
+    return _sum(cells) if clear else 0.0
 
 
 def contribution(segment: Float32Array, line: Array, distance: float, angle: float) -> float:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline_tracker.voting import (
     contribution,
     line_support,
-    sorted_by_angle,
-    support_of_sorted,
+    middles_of,
+    support_by_middles,
 )
 
 Array = NDArray[np.float64]
@@ -158,8 +158,8 @@ def test_support_is_never_more_than_the_line_nor_less_for_more_segments(
 
 
 @pytest.mark.parametrize("turn", [0.0, 1e-9, 0.05, 0.8, math.pi / 2, 3.1, math.pi])
-def test_sorted_segments_support_a_line_as_unsorted_ones_do(turn: float) -> None:
-    # Directions near 0 and near pi are alike, and a point or a number that is none has none.
+def test_a_line_among_many_is_supported_as_one_alone(turn: float) -> None:
+    # Points, and numbers that are none, support nothing.
     random = np.random.default_rng(round(100 * turn))
     middles = random.uniform(180.0, 220.0, (300, 2))
     angles = turn + random.normal(0.0, 0.15, 300)
@@ -168,19 +168,20 @@ def test_sorted_segments_support_a_line_as_unsorted_ones_do(turn: float) -> None
     segments[::50] = segments[::50, [0, 1, 0, 1]]
     segments[7] = np.nan
     along = np.array([math.cos(turn), math.sin(turn)])
+    off_line = np.empty(300)
     for off in (0.0, 4.0):
         start = np.array([200.0, 200.0]) - 60.0 * along + off * along[::-1]
         line = np.concatenate((start, start + 120.0 * along))
         plain, _ = line_support(segments, line, DISTANCE, ANGLE, np.zeros(400))
-        fast = support_of_sorted(*sorted_by_angle(segments), line, DISTANCE, ANGLE, np.zeros(400))
+        fast = support_by_middles(
+            segments, middles_of(segments), line, DISTANCE, ANGLE, np.zeros(400), off_line
+        )
         assert plain > 50.0
         assert fast == pytest.approx(plain, rel=1e-9)
 
 
-def test_sorting_by_angle_leaves_out_what_has_none() -> None:
-    rows = [(0, 0, 0, 0), (0, 0, -5, 1e-3), (0, 0, 5, 0), (0, 0, 0, 5), (0, math.nan, 1, 1)]
-    segments, angles = sorted_by_angle(np.array(rows, np.float32))
-    assert segments.tolist() == [[0, 0, 5, 0], [0, 0, 0, 5], [0, 0, -5, np.float32(1e-3)]]
-    assert np.allclose(angles, [0.0, math.pi / 2, math.pi], atol=1e-3)
-    none, without = sorted_by_angle(np.zeros((0, 4), np.float32))
-    assert support_of_sorted(none, without, LINE, DISTANCE, ANGLE, np.zeros(400)) == 0.0
+def test_no_segments_support_nothing() -> None:
+    none = np.zeros((0, 4), np.float32)
+    off = np.empty(0)
+    scratch = np.zeros(400)
+    assert support_by_middles(none, middles_of(none), LINE, DISTANCE, ANGLE, scratch, off) == 0.0

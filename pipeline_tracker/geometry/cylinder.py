@@ -100,10 +100,26 @@ def clip_to_view(
     Returns:
         What of it is in view; nothing where the first is not below the second.
     """
+    start = (point[0] - camera[6], point[1], point[2])
+    way = (direction[0], direction[1], direction[2])
+    return _clip(start, way, camera, near, margin, low, high)
+
+
+@compiled
+def _clip(
+    start: tuple[float, float, float],
+    way: tuple[float, float, float],
+    camera: Array,
+    near: float,
+    margin: float,
+    low: float,
+    high: float,
+) -> tuple[float, float]:
+    """Clip a line, see ``clip_to_view``; its point is given from the camera's centre."""
+    x, y, z = start
+    dx, dy, dz = way
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     right, bottom = camera[4] - 0.5 - margin, camera[5] - 0.5 - margin
-    x, y, z = point[0] - camera[6], point[1], point[2]
-    dx, dy, dz = direction[0], direction[1], direction[2]
     # Each border of the view is a half space n·X >= 0 through the camera's centre.
     for k in range(5):
         if k == 0:
@@ -178,23 +194,25 @@ def boundary_in_view(
     Returns:
         Whether anything of it is in view; the camera inside the pipe sees nothing.
     """
-    c = np.array([point[0] - camera[6], point[1], point[2]])
-    q = c - direction * (c[0] * direction[0] + c[1] * direction[1] + c[2] * direction[2])
-    distance = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-    if not distance > radius:
+    cx, cy, cz = point[0] - camera[6], point[1], point[2]
+    dx, dy, dz = direction[0], direction[1], direction[2]
+    along = cx * dx + cy * dy + cz * dz
+    qx, qy, qz = cx - along * dx, cy - along * dy, cz - along * dz
+    square = qx * qx + qy * qy + qz * qz
+    if not square > radius * radius:
         return False
-    near = -radius * radius / (distance * distance)
-    aside = -side * radius * np.sqrt(distance * distance - radius * radius) / (distance * distance)
-    start = np.empty(3)
-    start[0] = point[0] + near * q[0] + aside * (direction[1] * q[2] - direction[2] * q[1])
-    start[1] = point[1] + near * q[1] + aside * (direction[2] * q[0] - direction[0] * q[2])
-    start[2] = point[2] + near * q[2] + aside * (direction[0] * q[1] - direction[1] * q[0])
-    low, high = clip_to_view(start, direction, camera, NEAR, 0.0, low, high)
+    near = -radius * radius / square
+    aside = -side * radius * np.sqrt(square - radius * radius) / square
+    # The boundary's place in the section, from the camera.
+    x = cx + near * qx + aside * (dy * qz - dz * qy)
+    y = cy + near * qy + aside * (dz * qx - dx * qz)
+    z = cz + near * qz + aside * (dx * qy - dy * qx)
+    low, high = _clip((x, y, z), (dx, dy, dz), camera, NEAR, 0.0, low, high)
     if not low < high:
         return False
     for k in range(2):
         t = low if k == 0 else high
-        z = start[2] + t * direction[2]
-        line[2 * k] = camera[0] * (start[0] + t * direction[0] - camera[6]) / z + camera[2]
-        line[2 * k + 1] = camera[1] * (start[1] + t * direction[1]) / z + camera[3]
+        depth = z + t * dz
+        line[2 * k] = camera[0] * (x + t * dx) / depth + camera[2]
+        line[2 * k + 1] = camera[1] * (y + t * dy) / depth + camera[3]
     return True
