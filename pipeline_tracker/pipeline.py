@@ -14,7 +14,7 @@ from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
-from pipeline_tracker.self_check import SelfCheck
+from pipeline_tracker.self_check import SelfCheck, warm_up_check
 from pipeline_tracker.settings import PipeSettings, Settings
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
@@ -120,6 +120,7 @@ def warm_up(settings: Settings) -> None:
     for k in range(2):
         pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
         pipeline.process(k, rig, left, right)
+    warm_up_check()
     for technique in (1, 2, 3):
         recognition = own.recognition.model_copy(update={"technique": technique})
         forced = own.model_copy(update={"recognition": recognition})
