@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.self_check import SelfCheck, warm_up_check
 from pipeline_tracker.settings import PipeSettings, Settings
+from pipeline_tracker.settings_io import replace_settings
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
@@ -110,21 +112,21 @@ def warm_up(settings: Settings) -> None:
     Args:
         settings: those of the run; the pipe's diameter is replaced by the picture's.
     """
-    radius, distance, focal = 0.3, 2.0, 200.0
-    camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
-    rig = StereoRig(camera, Camera(focal, focal, 127.5, 95.5, 256, 192, 0.2))
+    radius, distance, focal = 0.3, 2.0, 400.0
+    # Large enough that the cylinder is found, and tracked.
+    camera = Camera(focal, focal, 239.5, 159.5, 480, 320)
+    rig = StereoRig(camera, replace(camera, offset=0.2))
     left, right = _made_up_pair(rig, radius, distance)
     mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
     own = settings.model_copy(update={"pipe": PipeSettings(diameter=2 * radius), "mode": "stereo"})
-    pipeline = Pipeline(own, mounting)
-    for k in range(2):
-        pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        pipeline.process(k, rig, left, right)
+    changes: list[dict[str, Any]] = [{}, {"tracking.refine": False}]
+    changes += [{"recognition.technique": technique} for technique in (1, 2, 3)]
+    for change in changes:
+        pipeline = Pipeline(replace_settings(own, change), mounting)
+        for k in range(2):
+            pipeline.poses.add(k, Pose.identity())
+            pipeline.process(k, rig, left, right)
     warm_up_check()
-    for technique in (1, 2, 3):
-        recognition = own.recognition.model_copy(update={"technique": technique})
-        forced = own.model_copy(update={"recognition": recognition})
-        Pipeline(forced, mounting).process(0, rig, left, right)
 
 
 def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:

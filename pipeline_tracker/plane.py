@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.face import ROUGHNESS, distance_sigma
-from pipeline_tracker.jit import compiled
+from pipeline_tracker.jit import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
@@ -47,39 +47,58 @@ def _fit_plane(
 ) -> None:
     """Fill the cost, (N,), see ``plane_cost``, with Tukey's weights from wide to narrow."""
     n = points.shape[0]
+    places, facing = np.ascontiguousarray(points.T), np.empty(n)
     sigmas = np.sqrt(np.square(depth_sigmas) + ROUGHNESS * ROUGHNESS)
     centre, normal = _plane_through_most(points, sigmas, triples)
-    weights = np.empty(n)
+    weights, sums = np.empty(n), np.empty(10)
+    directions = np.ascontiguousarray(rays.T)
     for width in _WIDTHS:
-        total = 0.0
-        used = 0
-        middle = np.zeros(3)
         for i in range(n):
-            height = 0.0
-            facing = 0.0
-            for k in range(3):
-                height += (points[i, k] - centre[k]) * normal[k]
-                facing += rays[i, k] * normal[k]
-            residual = height / distance_sigma(depth_sigmas[i], facing)
+            facing[i] = (
+                directions[0, i] * normal[0]
+                + directions[1, i] * normal[1]
+                + directions[2, i] * normal[2]
+            )
+        level = centre[0] * normal[0] + centre[1] * normal[1] + centre[2] * normal[2]
+        for i in range(n):
+            height = places[0, i] * normal[0] + places[1, i] * normal[1] + places[2, i] * normal[2]
+            residual = (height - level) / distance_sigma(depth_sigmas[i], facing[i])
             cost[i] = robust_cost(residual)
             ratio = residual / width
             inside = max(0.0, 1.0 - ratio * ratio)
             weights[i] = inside * inside / (sigmas[i] * sigmas[i])
-            total += weights[i]
-            used += weights[i] > 0.0
-            for k in range(3):
-                middle[k] += weights[i] * points[i, k]
-        if used < 3 or not total > 0.0:
+        _moments(places, weights, sums)
+        if np.sum(weights > 0.0) < 3:
             break
-        centre = middle / total
-        spread = np.zeros((3, 3))
-        for i in range(n):
-            for a in range(3):
-                off = weights[i] * (points[i, a] - centre[a])
-                for b in range(3):
-                    spread[a, b] += off * (points[i, b] - centre[b])
+        centre = sums[1:4] / sums[0]
+        spread = np.empty((3, 3))
+        k = 4
+        for a in range(3):
+            for b in range(a, 3):
+                spread[a, b] = spread[b, a] = sums[k] - sums[0] * centre[a] * centre[b]
+                k += 1
         _, vectors = np.linalg.eigh(spread)
         normal = np.ascontiguousarray(vectors[:, 0])
+
+
+@compiled_sums
+def _moments(places: Array, weights: Array, sums: Array) -> None:
+    """Fill sums of weights, and of them times x, y, z, xx, xy, xz, yy, yz and zz."""
+    w, x, y, z, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(weights.shape[0]):
+        wx, wy, wz = weights[i] * places[0, i], weights[i] * places[1, i], weights[i] * places[2, i]
+        w += weights[i]
+        x += wx
+        y += wy
+        z += wz
+        xx += wx * places[0, i]
+        xy += wx * places[1, i]
+        xz += wx * places[2, i]
+        yy += wy * places[1, i]
+        yz += wy * places[2, i]
+        zz += wz * places[2, i]
+    sums[0], sums[1], sums[2], sums[3] = w, x, y, z
+    sums[4], sums[5], sums[6], sums[7], sums[8], sums[9] = xx, xy, xz, yy, yz, zz
 
 
 @compiled

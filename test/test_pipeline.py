@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,3 +234,13 @@ def test_warming_up_needs_no_more_than_settings(mode: str) -> None:
         {"pipe": {"diameter": 0.2}, "mode": mode, "recognition": {"technique": 2}}
     )
     warm_up(settings)
+
+
+def test_after_warming_up_nothing_is_left_to_compile() -> None:
+    # In a process of its own: here, other tests have compiled what they need.
+    helper = Path(__file__).parent / "helpers" / "late_compilation.py"
+    found = subprocess.run(
+        [sys.executable, str(helper)], capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.split() == []

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 # Half width and step of the grid of each round, rad: 8 degrees in steps of 2, then finer about the
 # winner. The same angles for heading and pitch.
-_ROUNDS = ((0.14, 0.035), (0.0263, 0.00877), (0.0066, 0.0022))
+_ROUNDS = ((0.14, 0.035), (0.0175, 0.00875), (0.0044, 0.0022))
 
 
 # Segments further from the predicted contour, px at 1200 px width, or steeper to it, can vote for
