@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import support_share
 from pipeline_tracker.axis_fit import Axis, AxisFit, across
+from pipeline_tracker.geometry.bent_axis import place_and_tangent
 from pipeline_tracker.geometry.camera import Camera
-from pipeline_tracker.geometry.cylinder import clip_line_to_view
+from pipeline_tracker.geometry.cylinder import NEAR, clip_line_to_view, clip_to_view
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.support import Support, seen_lines
 from pipeline_tracker.types import Mode, PipeSegment, VectorizedStereo
@@ -28,6 +30,31 @@ _WHOLE_FACE = 0.85
 _COVERED_SIGMAS = np.array([0.005, 0.02, 0.01, 0.02])
 
 
+@compiled
+def _middle_of_view(axis: Array, camera: Array) -> float:
+    t = 0.0
+    point, direction = np.empty(3), np.empty(3)
+    for _ in range(8):
+        for k in range(3):
+            point[k] = axis[0, k] + t * axis[1, k] + 0.5 * t * t * axis[2, k]
+            direction[k] = axis[1, k] + t * axis[2, k]
+        slope = point[0] * direction[0] + point[1] * direction[1]
+        curvature = direction[0] ** 2 + direction[1] ** 2
+        curvature += point[0] * axis[2, 0] + point[1] * axis[2, 1]
+        if curvature < 1e-9:
+            break
+        step = min(max(slope / curvature, -2.0), 2.0)
+        t -= step
+        if abs(step) < 1e-9:
+            break
+    x, y, z, dx, dy, dz = place_and_tangent(axis, t)
+    here, ahead = np.array([x, y, z]), np.array([dx, dy, dz])
+    low, high = clip_to_view(here, ahead, camera, NEAR, 0.0, -np.inf, np.inf)
+    if low < high:
+        t += min(max(0.0, low), high)
+    return t
+
+
 def middle_of_view(axis: Axis, camera: Camera) -> float:
     """Return t where the axis passes nearest the camera's optical axis, kept inside the view.
 
@@ -35,22 +62,7 @@ def middle_of_view(axis: Axis, camera: Camera) -> float:
         axis: left optical frame.
         camera: the left camera.
     """
-    t = 0.0
-    for _ in range(8):
-        point, direction = axis.at(t), axis.direction + t * axis.bend
-        slope = float(point[:2] @ direction[:2])
-        curvature = float(direction[:2] @ direction[:2] + point[:2] @ axis.bend[:2])
-        if curvature < 1e-9:
-            break
-        step = float(np.clip(slope / curvature, -2.0, 2.0))
-        t -= step
-        if abs(step) < 1e-9:
-            break
-    here = axis.moved(t)
-    view = clip_line_to_view(here.point, here.direction, camera)
-    if view is not None:
-        t += float(np.clip(0.0, view[0], view[1]))
-    return t
+    return _middle_of_view(axis.rows, camera.numbers)
 
 
 def segment_ends(axis: Axis, camera: Camera, length: float) -> tuple[Array, Array]:

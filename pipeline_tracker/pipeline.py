@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +16,9 @@ from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.relative_state import RelativeStateEstimator
-from pipeline_tracker.self_check import SelfCheck
-from pipeline_tracker.settings import PipeSettings, Settings, TrackingSettings
+from pipeline_tracker.self_check import SelfCheck, warm_up_check
+from pipeline_tracker.settings import PipeSettings, Settings
+from pipeline_tracker.settings_io import replace_settings
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
 from pipeline_tracker.vectorization.vectorizer import Vectorizer
@@ -102,38 +105,27 @@ class Pipeline:
         self._estimator.reset()
 
 
-# What has been warmed up in this process, by the one setting that decides which kernels are run.
-_warm: set[bool] = set()
-
-
-def warm_up(settings: Settings) -> None:
+@functools.cache
+def warm_up() -> None:
     """Compile or load every compiled kernel, so that the first frame is no slower than others.
 
-    Runs all steps on a small made-up pair: a bright cylinder over a plane of noise. A process
-    needs it once.
-
-    Args:
-        settings: those of the run; only ``tracking.refine`` is looked at.
+    Runs all steps on a small made-up pair: a bright cylinder over a plane of noise, which is found,
+    tracked, and found by each technique. A process needs it once.
     """
-    tracking = TrackingSettings(refine=settings.tracking.refine)
-    if settings.tracking.refine in _warm:
-        return
     radius, distance, focal = 0.3, 2.0, 200.0
     camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
-    rig = StereoRig(camera, Camera(focal, focal, 127.5, 95.5, 256, 192, 0.2))
+    rig = StereoRig(camera, replace(camera, offset=0.2))
     left, right = _made_up_pair(rig, radius, distance)
     mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
-    # No other setting decides which kernels are run, and some would keep them from it.
-    own = Settings(pipe=PipeSettings(diameter=2 * radius), tracking=tracking)
-    pipeline = Pipeline(own, mounting)
-    for k in range(2):
-        pipeline.poses.add(k, Pose.from_rpy([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]))
-        pipeline.process(k, rig, left, right)
-    for technique in (1, 2, 3):
-        recognition = own.recognition.model_copy(update={"technique": technique})
-        forced = own.model_copy(update={"recognition": recognition})
-        Pipeline(forced, mounting).process(0, rig, left, right)
-    _warm.add(settings.tracking.refine)
+    own = Settings(pipe=PipeSettings(diameter=2 * radius))
+    changes: list[dict[str, Any]] = [{}, {"tracking.refine": False}]
+    changes += [{"recognition.technique": technique} for technique in (1, 2, 3)]
+    for change in changes:
+        pipeline = Pipeline(replace_settings(own, change), mounting)
+        for k in range(2):
+            pipeline.poses.add(k, Pose.identity())
+            pipeline.process(k, rig, left, right)
+    warm_up_check()
 
 
 def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, fit_axis
-from pipeline_tracker.evidence import exposed_points, gather, nearby
+from pipeline_tracker.evidence import gather, nearby
+from pipeline_tracker.face import exposed_points
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import VectorizedStereo
@@ -62,11 +63,9 @@ def refine(
     fit: AxisFit | None = None
     for gate, widths, surface_only in _ROUNDS:
         near = min(gate, _LATER_GATE) if by_contours else gate
-        evidence = gather(frame, surface, axis, radius, near)
+        evidence = gather(frame, surface, axis, radius, near, surface_only=surface_only)
         if not _enough(evidence):
             return None
-        if surface_only and len(evidence.points):
-            evidence = evidence.only_points()
         fit = fit_axis(axis, radius, evidence, vertical, prior, widths)
         axis = fit.axis
         if not _sane(axis, start, radius):
@@ -96,7 +95,6 @@ def _enough(evidence: Evidence) -> bool:
 
 def _sane(axis: Axis, start: Axis, radius: float) -> bool:
     """Whether the fit stayed near its start and before the camera."""
-    numbers = np.concatenate((axis.point, axis.direction, axis.bend))
-    if not np.isfinite(numbers).all() or axis.point[2] <= radius:
+    if not np.isfinite(axis.rows).all() or axis.point[2] <= radius:
         return False
     return float(abs(axis.direction @ start.direction)) > 0.9

@@ -6,22 +6,18 @@ A number of this module is a share of what was to be expected, so that frames ca
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.evidence import (
-    REFERENCE_WIDTH,
-    distances_from_axis,
-    on_face,
-    point_sigmas,
-    rays_to_axis,
-    without_sag,
-)
+from pipeline_tracker.evidence import REFERENCE_WIDTH, rays_to_axis
+from pipeline_tracker.face import distance_sigma, on_face, without_sag
+from pipeline_tracker.geometry.bent_axis import nearest_to_points, place_and_tangent
 from pipeline_tracker.geometry.camera import Camera
-from pipeline_tracker.geometry.cylinder import clip_line_to_view, visible_generatrices
+from pipeline_tracker.geometry.cylinder import NEAR, boundary_in_view, clip_to_view
+from pipeline_tracker.jit import compiled
+from pipeline_tracker.plane import WIDTH, plane_cost, robust_cost
 from pipeline_tracker.surface import SurfacePoints
 from pipeline_tracker.types import Contours, Float32Array, VectorizedStereo
 from pipeline_tracker.voting import line_support
@@ -38,16 +34,13 @@ VISIBLE_SHARE = 0.25
 # A contour may be in view where the axis is not: the view is widened by this share of the width.
 _BORDER = 0.5
 REACH = 6.0
-_PIECES = 8
-_WIDTH = 4.0
+# A bent axis is cut into so many pieces; a bend below this, 1/m, is none.
+_PIECES, _STRAIGHT = 8, 1e-9
 # A surface at another scale than the contours: shares of its points on the pipe before and after
 # it is scaled, its gain, the scales looked at, and the least share of each contour.
 _OTHER_SCALE_SHARE, _OTHER_SCALE_GAIN = 0.3, -0.1
 _SCALES = (0.65, 1.55)
 _CLEAR_SHARE = 0.35
-_FULL_COST = _WIDTH * _WIDTH / 6.0
-# Planes through three points that are tried before a fit, and points that judge them.
-_TRIPLES, _JURY = 64, 100
 
 BITS = (
     (Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT),
@@ -118,6 +111,41 @@ class Support:
         return bits
 
 
+@compiled
+def _contour_pieces(
+    axis: Array, radius: float, camera: Array, pieces: Array, counts: NDArray[np.int64]
+) -> None:
+    """Project the two visible boundaries of a bent axis, piece by piece (4.1.2).
+
+    Args:
+        axis, camera: rows and numbers.
+        radius: m.
+        pieces: (2, K, 4), filled for the left and for the right contour as ``contour_pieces``
+            returns them.
+        counts: (2,), filled with how many they are.
+    """
+    counts[:] = 0
+    margin = -_BORDER * camera[4]
+    # Towards the vanishing point the pipe is a point; there is no need to go there.
+    reach = REACH * max(1.0, axis[0, 2])
+    low, high = clip_to_view(axis[0], axis[1], camera, NEAR, margin, -np.inf, np.inf)
+    low, high = max(low, -reach), min(high, reach)
+    if not low < high:
+        return
+    bend = np.sqrt(axis[2, 0] ** 2 + axis[2, 1] ** 2 + axis[2, 2] ** 2)
+    knots = 1 if bend < _STRAIGHT else _PIECES
+    half = 0.5 * (high - low) / knots
+    for k in range(knots):
+        x, y, z, dx, dy, dz = place_and_tangent(axis, low + (2 * k + 1) * half)
+        point, direction = np.array([x, y, z]), np.array([dx, dy, dz])
+        for side in range(2):
+            line = pieces[side, counts[side]]
+            if boundary_in_view(
+                point, direction, radius, 2.0 * side - 1.0, camera, -half, half, line
+            ):
+                counts[side] += 1
+
+
 def contour_pieces(axis: Axis, radius: float, camera: Camera) -> list[Array]:
     """Project the two visible boundaries of a bent axis, piece by piece (4.1.2).
 
@@ -130,33 +158,63 @@ def contour_pieces(axis: Axis, radius: float, camera: Camera) -> list[Array]:
         For the left and for the right contour (K, 4) x1 y1 x2 y2, px, clipped to the image; K is
         0 where it is out of view.
     """
-    out: list[list[Array]] = [[], []]
-    view = clip_line_to_view(axis.point, axis.direction, camera, margin=-_BORDER * camera.width)
-    if view is None:
-        return [np.zeros((0, 4)), np.zeros((0, 4))]
-    # Towards the vanishing point the pipe is a point; there is no need to go there.
-    reach = REACH * max(1.0, float(axis.point[2]))
-    bounds = np.clip(view, -reach, reach)
-    straight = float(np.linalg.norm(axis.bend)) < 1e-9
-    knots = bounds if straight else np.linspace(bounds[0], bounds[1], _PIECES + 1)
-    for t0, t1 in pairwise(knots):
-        middle = 0.5 * (t0 + t1)
-        point, direction = axis.at(middle), axis.tangent(middle)
-        edges = visible_generatrices(point, direction, radius, camera.centre)
-        if edges is None:
-            continue
-        half = 0.5 * (t1 - t0)
-        for side, edge in enumerate(edges):
-            # The section through the piece's own middle, not through the nearest point.
-            start = edge + direction * float((point - edge) @ direction)
-            seen = clip_line_to_view(start, direction, camera)
-            if seen is None:
-                continue
-            low, high = max(seen[0], -half), min(seen[1], half)
-            if low < high:
-                ends = camera.project(np.stack((start + low * direction, start + high * direction)))
-                out[side].append(ends.reshape(4))
-    return [np.array(pieces).reshape(-1, 4) for pieces in out]
+    pieces, counts = np.empty((2, _PIECES, 4)), np.empty(2, np.int64)
+    _contour_pieces(axis.rows, radius, camera.numbers, pieces, counts)
+    return [pieces[side, : counts[side]] for side in (0, 1)]
+
+
+@compiled
+def _line_supports(
+    segments: Float32Array, lines: Array, distance: float, angle: float, scratch: Array
+) -> tuple[float, float]:
+    """Sum what ``line_support`` returns over the lines, (K, 4), of a broken one."""
+    total = 0.0
+    length = 0.0
+    if lines.shape[0] > 1:
+        segments = _near_broken_line(segments, lines, distance, angle)
+    for k in range(lines.shape[0]):
+        part, own = line_support(segments, lines[k], distance, angle, scratch)
+        total += part
+        length += own
+    return total, length
+
+
+@compiled
+def _near_broken_line(
+    segments: Float32Array, lines: Array, distance: float, angle: float
+) -> Float32Array:
+    """Return the segments that may support a line of a broken one, and some others.
+
+    Most are far from all of its lines: that is asked once, of the straight line from its begin to
+    its end, and not of each.
+    """
+    x0, y0 = lines[0, 0], lines[0, 1]
+    ux, uy = lines[-1, 2] - x0, lines[-1, 3] - y0
+    chord = np.sqrt(ux * ux + uy * uy)
+    if not chord > 0.0:
+        return segments
+    ux, uy = ux / chord, uy / chord
+    # How far the broken line is from the chord, and the sine of the steepest angle between them.
+    bow = 0.0
+    turn = 0.0
+    for k in range(lines.shape[0]):
+        dx, dy = lines[k, 2] - lines[k, 0], lines[k, 3] - lines[k, 1]
+        bow = max(bow, abs((lines[k, 0] - x0) * uy - (lines[k, 1] - y0) * ux))
+        turn = max(turn, abs(dx * uy - dy * ux) / max(np.sqrt(dx * dx + dy * dy), 1e-9))
+    steepest = np.sin(angle) + turn
+    near = np.empty(segments.shape, np.float32)
+    count = 0
+    for i in range(segments.shape[0]):
+        sx, sy = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
+        own = np.sqrt(sx * sx + sy * sy)
+        off = 0.5 * (segments[i, 0] + segments[i, 2]) - x0
+        off = abs(off * uy - (0.5 * (segments[i, 1] + segments[i, 3]) - y0) * ux)
+        # A segment's middle may lie beyond the end of the line that it supports.
+        reach = distance + bow + 0.5 * turn * own + 1.0
+        if off <= reach and abs(sx * uy - sy * ux) <= (steepest + 1e-3) * own:
+            near[count] = segments[i]
+            count += 1
+    return near[:count]
 
 
 def contour_support(
@@ -188,65 +246,13 @@ def contour_support(
         if 2.0 * radius * camera.fx < _LEAST_WIDTH * scaled * away:
             continue
         pieces = contour_pieces(axis, radius, camera)
+        seen = np.ascontiguousarray(segments[number], np.float32)
         for side in (0, 1):
-            total, length = 0.0, 0.0
-            for piece in pieces[side]:
-                part, own = line_support(segments[number], piece, scaled, angle, scratch)
-                total += part
-                length += own
+            total, length = _line_supports(seen, pieces[side], scaled, angle, scratch)
             if length > 0:
                 bit = BITS[number][side]
                 found.append(ContourSupport(bit, pieces[side], total, length))
     return tuple(found)
-
-
-def _cost(residuals: Array) -> Array:
-    inside = np.clip(1.0 - np.square(residuals / _WIDTH), 0.0, None)
-    cost: Array = _FULL_COST * (1.0 - inside**3)
-    return cost
-
-
-def _plane_cost(points: Array, depth_sigmas: Array, rays: Array) -> Array:
-    """Robust cost of each point for the best plane through the points, same noise assumed.
-
-    Begun from the best of many planes through three points: mismatches far off would tilt a fit to
-    all, and make anything better than a plane.
-    """
-    sigmas = np.hypot(depth_sigmas, 0.003)
-    centre, normal = _plane_through_most(points, sigmas)
-    cost = np.full(len(points), _FULL_COST)
-    for width in (12.0, 8.0, _WIDTH, _WIDTH, _WIDTH):
-        facing = np.maximum(np.abs(rays @ normal), 0.2)
-        residuals = ((points - centre) @ normal) / np.hypot(depth_sigmas * facing, 0.003)
-        cost = _cost(residuals)
-        weights = np.square(np.clip(1.0 - np.square(residuals / width), 0.0, None)) / sigmas**2
-        total = float(weights.sum())
-        if np.count_nonzero(weights) < 3 or not total > 0.0:
-            break
-        centre = (points * weights[:, None]).sum(axis=0) / total
-        away = points - centre
-        _, vectors = np.linalg.eigh((away * weights[:, None]).T @ away)
-        normal = vectors[:, 0]
-    return cost
-
-
-def _plane_through_most(points: Array, sigmas: Array) -> tuple[Array, Array]:
-    """Return point and normal of the plane through three of the points that the others like best.
-
-    The triples are the same for the same number of points.
-    """
-    rng = np.random.default_rng(len(points))
-    triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    usable = lengths > 1e-9
-    if not usable.any():
-        return points.mean(axis=0), np.array([0.0, 0.0, 1.0])
-    normals = normals[usable] / lengths[usable, None]
-    some = np.arange(0, len(points), max(1, len(points) // _JURY))
-    heights = points[some] @ normals.T - np.einsum("ij,ij->i", triples[usable, 0], normals)
-    best = int(np.argmin(_cost(heights / sigmas[some, None]).sum(axis=0)))
-    return triples[usable][best, 0], normals[best]
 
 
 def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: float) -> Support:
@@ -263,7 +269,7 @@ def judge(frame: VectorizedStereo, surface: SurfacePoints, axis: Axis, radius: f
     alone = Support(contours, 0, 0.0, 0.0, 0.0)
     if not face.tells_shape(radius):
         return alone
-    plane = _plane_cost(face.points, face.depth_sigmas, face.rays)
+    plane = plane_cost(face.points, face.depth_sigmas, face.rays)
     face = without_sag(face, frame.rig.left, axis, radius)
     support = _face_support(contours, face, axis, radius, plane)
     if support.face_share < _OTHER_SCALE_SHARE and _all_clear(contours):
@@ -307,16 +313,48 @@ def _face_support(
     radius: float,
     plane: Array,
 ) -> Support:
-    _, distance = distances_from_axis(face.points, axis)
-    residuals = (distance - radius) / point_sigmas(face, axis)
-    on = float(np.mean(np.abs(residuals) < _WIDTH))
-    # What lies behind the face, inside the pipe or seen through it.
-    behind = residuals < -_WIDTH
-    depth = np.linalg.norm(face.points, axis=1)
-    near = np.einsum("ij,ij->i", axis.point - face.points, face.rays) < 0
-    behind |= (residuals > _WIDTH) & near & (depth > np.linalg.norm(axis.point))
-    gain = float(np.mean(plane - _cost(residuals)))
-    return Support(contours, len(face.points), on, float(np.mean(behind)), gain)
+    on, behind, gain = _face_shares(
+        face.points, face.rays, face.depth_sigmas, axis.rows, radius, plane
+    )
+    return Support(contours, len(face.points), on, behind, gain)
+
+
+@compiled
+def _face_shares(
+    points: Array, rays: Array, depth_sigmas: Array, axis: Array, radius: float, plane: Array
+) -> tuple[float, float, float]:
+    """Return shares on the pipe and behind its face, and the gain over a plane, see ``Support``.
+
+    Args:
+        points, rays, depth_sigmas: of the face, N >= 1.
+        axis: rows of the axis.
+        radius: m.
+        plane: cost of each point for a plane, (N,).
+    """
+    on = 0
+    behind = 0
+    gain = 0.0
+    far = axis[0, 0] ** 2 + axis[0, 1] ** 2 + axis[0, 2] ** 2
+    n = points.shape[0]
+    nearest = np.empty((5, n))
+    nearest_to_points(axis, np.ascontiguousarray(points.T), nearest)
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        distance, vx, vy, vz = nearest[0, i], nearest[1, i], nearest[2, i], nearest[3, i]
+        facing = (vx * rays[i, 0] + vy * rays[i, 1] + vz * rays[i, 2]) / max(distance, 1e-9)
+        residual = (distance - radius) / distance_sigma(depth_sigmas[i], facing)
+        gain += plane[i] - robust_cost(residual)
+        if abs(residual) < WIDTH:
+            on += 1
+        # What lies behind the face, inside the pipe or seen through it.
+        elif residual < 0.0:
+            behind += 1
+        else:
+            past = 0.0
+            for k in range(3):
+                past += (axis[0, k] - points[i, k]) * rays[i, k]
+            behind += past < 0.0 and x * x + y * y + z * z > far
+    return on / n, behind / n, gain / n
 
 
 def seen_lines(support: Support) -> tuple[Contours, Float32Array]:
@@ -333,16 +371,34 @@ def seen_lines(support: Support) -> tuple[Contours, Float32Array]:
 
 def _nearest_line(pieces: Array) -> Array:
     """Return the straight line (4,) nearest to a broken one, (K, 4), as long as it."""
-    ends = np.concatenate((pieces[0, :2], pieces[-1, 2:]))
-    if len(pieces) == 1:
-        return ends
-    starts, ways = pieces[:, :2], pieces[:, 2:] - pieces[:, :2]
-    shares = (np.arange(5) + 0.5) / 5.0
-    points = (starts[:, None] + shares[:, None] * ways[:, None]).reshape(-1, 2)
-    weights = np.repeat(np.linalg.norm(ways, axis=1), len(shares))
-    # By the coordinate along which it runs, so that it ends where the contour leaves the picture.
-    along = int(abs(ends[3] - ends[1]) > abs(ends[2] - ends[0]))
-    slope, level = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(weights))
-    line = ends.copy()
-    line[1 - along], line[3 - along] = slope * ends[along] + level, slope * ends[2 + along] + level
+    line = np.concatenate((pieces[0, :2], pieces[-1, 2:]))
+    if len(pieces) > 1:
+        _straighten(pieces, line)
     return line
+
+
+@compiled
+def _straighten(pieces: Array, line: Array) -> None:
+    """Move the ends of a line, (4,), to the least squares of pieces, (K, 4), by their length."""
+    # By the coordinate along which it runs, so that it ends where the contour leaves the picture.
+    along = 1 if abs(line[3] - line[1]) > abs(line[2] - line[0]) else 0
+    total = 0.0
+    sx = sy = sxx = sxy = 0.0
+    for k in range(pieces.shape[0]):
+        x0, y0 = pieces[k, along] - line[along], pieces[k, 1 - along]
+        dx, dy = (
+            pieces[k, 2 + along] - pieces[k, along],
+            pieces[k, 3 - along] - pieces[k, 1 - along],
+        )
+        w = np.sqrt(dx * dx + dy * dy)
+        for j in range(5):
+            x, y = x0 + 0.1 * (2 * j + 1) * dx, y0 + 0.1 * (2 * j + 1) * dy
+            total += w
+            sx += w * x
+            sy += w * y
+            sxx += w * x * x
+            sxy += w * x * y
+    slope = (total * sxy - sx * sy) / (total * sxx - sx * sx)
+    level = (sy - slope * sx) / total
+    line[1 - along] = level
+    line[3 - along] = level + slope * (line[2 + along] - line[along])

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.geometry.neighbours import neighbours
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.types import Float32Array
 from pipeline_tracker.vectorization.working_size import working_factor
 
@@ -24,6 +25,16 @@ _LEAST_MATCHES = 30
 _SAMPLE = 300
 # Fewer points on a face than this say nothing about its shape.
 LEAST_FACE_POINTS = 12
+# ... nor do points whose depth is less sure than this share of the radius, by the median.
+_TELLING_SHARE = 0.25
+
+
+@compiled
+def tells_shape(depth_sigmas: Array, radius: float) -> bool:
+    """Whether depths of these sigmas, (N,), m, tell a pipe of a radius, m, from a plane."""
+    if depth_sigmas.shape[0] < LEAST_FACE_POINTS:
+        return False
+    return bool(np.median(depth_sigmas) < _TELLING_SHARE * radius)
 
 
 @dataclass(frozen=True)
@@ -49,17 +60,17 @@ class SurfacePoints:
         Args:
             radius: of the pipe, m.
         """
-        enough = len(self.points) >= LEAST_FACE_POINTS
-        return enough and float(np.median(self.depth_sigmas)) < 0.25 * radius
+        return tells_shape(self.depth_sigmas, radius)
 
     def subset(self, mask: NDArray[np.bool_]) -> SurfacePoints:
         """Return the points where the mask, (N,), is true."""
+        chosen = np.flatnonzero(mask)
         return SurfacePoints(
-            self.points[mask],
-            self.rays[mask],
-            self.depth_sigmas[mask],
-            self.left_pixels[mask],
-            self.right_pixels[mask],
+            self.points.take(chosen, axis=0),
+            self.rays.take(chosen, axis=0),
+            self.depth_sigmas.take(chosen),
+            self.left_pixels.take(chosen, axis=0),
+            self.right_pixels.take(chosen, axis=0),
         )
 
 
@@ -76,22 +87,52 @@ def disparity_sigma(matches: Array, width: int) -> float:
     scale = float(working_factor(width))
     if len(matches) < _LEAST_MATCHES:
         return DISPARITY_SIGMA * scale
-    places = matches[:, :2]
-    disparity = matches[:, 0] - matches[:, 2]
     # Some hundreds of them tell.
-    chosen = np.arange(0, len(places), max(1, len(places) // _SAMPLE))
-    _, near = cKDTree(places).query(places[chosen], k=_NEIGHBOURS + 1)
-    near = near[:, 1:]
-    away = places[near] - places[chosen, None, :]
-    design = np.concatenate((np.ones((*near.shape, 1)), away), axis=2)
-    # A little is added on the diagonal: neighbours in one row span no plane.
-    normal = np.einsum("nki,nkj->nij", design, design) + np.diag([1e-6, 1.0, 1.0])
-    right = np.einsum("nki,nk->ni", design, disparity[near])
-    predicted = np.linalg.solve(normal, right[:, :, None])[:, 0, 0]
-    leverage = 1.0 + np.linalg.inv(normal)[:, 0, 0]
-    off = np.abs(disparity[chosen] - predicted) / np.sqrt(leverage)
+    chosen = np.arange(0, len(matches), max(1, len(matches) // _SAMPLE))
+    matches = np.ascontiguousarray(matches, np.float64)
+    off = np.empty(len(chosen))
+    _off_neighbours(matches, chosen, neighbours(matches, chosen, _NEIGHBOURS), off)
     spread = 1.4826 * float(np.median(off))
     return DISPARITY_SIGMA * max(scale, spread / _RELIEF)
+
+
+@compiled
+def _off_neighbours(
+    matches: Array, chosen: NDArray[np.int64], near: NDArray[np.int64], off: Array
+) -> None:
+    """Fill how far disparities are from the plane through those of their neighbours, (K,), px.
+
+    Args:
+        matches: (N, 4), px.
+        chosen: (K,) indices of those that are looked at.
+        near: (K, M) indices of their neighbours.
+        off: in units of what is expected of a disparity of noise 1.
+    """
+    for j in range(chosen.shape[0]):
+        i = chosen[j]
+        # A little is added on the diagonal: neighbours in one row span no plane.
+        s00, s11, s22 = 1e-6, 1.0, 1.0
+        s01 = s02 = s12 = 0.0
+        r0 = r1 = r2 = 0.0
+        for other in near[j]:
+            x = matches[other, 0] - matches[i, 0]
+            y = matches[other, 1] - matches[i, 1]
+            disparity = matches[other, 0] - matches[other, 2]
+            s00 += 1.0
+            s01 += x
+            s02 += y
+            s11 += x * x
+            s12 += x * y
+            s22 += y * y
+            r0 += disparity
+            r1 += x * disparity
+            r2 += y * disparity
+        # The first row of the inverse of the normal equations.
+        c0, c1, c2 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
+        determinant = s00 * c0 + s01 * c1 + s02 * c2
+        predicted = (c0 * r0 + c1 * r1 + c2 * r2) / determinant
+        own = matches[i, 0] - matches[i, 2]
+        off[j] = abs(own - predicted) / np.sqrt(1.0 + c0 / determinant)
 
 
 def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
@@ -105,25 +146,69 @@ def triangulate(matches: Float32Array, rig: StereoRig) -> SurfacePoints:
         The points before the cameras; matches without a positive disparity are left out, and those
         that are not inside the images.
     """
-    found = matches.astype(np.float64)
-    size = np.tile([rig.left.width, rig.left.height], 2)
-    found = found[((found > -1.0) & (found < size)).all(axis=1)]
+    room = np.empty((len(matches), 4))
+    found = room[: _inside(matches, rig.left.width, rig.left.height, room)]
     if rig.right is None or found.shape[0] == 0:
         none = np.zeros((0, 3))
         return SurfacePoints(none, none, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
-    left = rig.left.rays(found[:, :2])
-    right = rig.right.rays(found[:, 2:])
-    parallax = left[:, 0] - right[:, 0]
     pixel = disparity_sigma(found, rig.left.width) / rig.left.fx
-    # A parallax within its own noise gives no distance at all.
-    mask = parallax > 4.0 * pixel
-    left, parallax, found = left[mask], parallax[mask], found[mask]
-    depth = rig.baseline / parallax
-    lengths = np.linalg.norm(left, axis=1)
+    points, rays = np.empty((len(found), 3)), np.empty((len(found), 3))
+    sigmas = np.empty(len(found))
+    count = _triangulate(found, rig.left.numbers, rig.right.numbers, pixel, points, rays, sigmas)
     return SurfacePoints(
-        points=left * depth[:, None],
-        rays=left / lengths[:, None],
-        depth_sigmas=lengths * depth * pixel / parallax,
-        left_pixels=found[:, :2],
-        right_pixels=found[:, 2:],
+        points=points[:count],
+        rays=rays[:count],
+        depth_sigmas=sigmas[:count],
+        left_pixels=found[:count, :2],
+        right_pixels=found[:count, 2:],
     )
+
+
+@compiled
+def _inside(matches: Float32Array, width: int, height: int, out: Array) -> int:
+    """Fill the first rows with the matches that are inside both images; how many."""
+    count = 0
+    for i in range(matches.shape[0]):
+        inside = True
+        for c in range(4):
+            out[count, c] = matches[i, c]
+            inside &= -1.0 < out[count, c] < (height if c % 2 else width)
+        count += inside
+    return count
+
+
+@compiled
+def _triangulate(
+    matches: Array,
+    left: Array,
+    right: Array,
+    pixel: float,
+    points: Array,
+    rays: Array,
+    sigmas: Array,
+) -> int:
+    """Fill the first rows with points, rays and sigmas of the depth; how many.
+
+    Args:
+        matches: (N, 4), px; those of the points are moved to the first rows.
+        left, right: numbers of the cameras.
+        pixel: standard deviation of a parallax.
+        points, rays, sigmas: (N, 3), (N, 3), (N,), filled.
+    """
+    count = 0
+    for i in range(matches.shape[0]):
+        x = (matches[i, 0] - left[2]) / left[0]
+        y = (matches[i, 1] - left[3]) / left[1]
+        parallax = x - (matches[i, 2] - right[2]) / right[0]
+        # A parallax within its own noise gives no distance at all.
+        if not parallax > 4.0 * pixel:
+            continue
+        for c in range(4):
+            matches[count, c] = matches[i, c]
+        depth = (right[6] - left[6]) / parallax
+        length = np.sqrt(x * x + y * y + 1.0)
+        points[count, 0], points[count, 1], points[count, 2] = x * depth, y * depth, depth
+        rays[count, 0], rays[count, 1], rays[count, 2] = x / length, y / length, 1.0 / length
+        sigmas[count] = length * depth * pixel / parallax
+        count += 1
+    return count

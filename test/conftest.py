@@ -60,8 +60,7 @@ if hasattr(rosbags.serde.cdr, "compile_lines"):
 _KERNELS = (
     """
 from pipeline_tracker.pipeline import warm_up
-from pipeline_tracker.settings_io import load_settings
-warm_up(load_settings(overrides=["pipe.diameter=0.6"]))
+warm_up()
 """,
     """
 import tempfile

@@ -17,11 +17,10 @@ from pipeline_tracker.axis_fit import (
     AxisFit,
     Evidence,
     Prior,
-    _normal_equations,
-    _residuals,
     across,
     fit_axis,
 )
+from pipeline_tracker.axis_solver import _normal_equations, _residuals
 from pipeline_tracker.geometry.camera import Camera
 
 Array = NDArray[np.float64]
@@ -152,16 +151,6 @@ def test_the_origin_stays_abreast_of_the_start() -> None:
     start = Axis.straight(cylinder.point + 0.4 * cylinder.direction, cylinder.direction)
     fit = fit_axis(start, 0.3, evidence(face(cylinder, 60, np.random.default_rng(1))), UP)
     assert (fit.axis.point - cylinder.point) @ cylinder.direction == pytest.approx(0.4, abs=1e-6)
-
-
-def test_only_points_forgets_the_contours() -> None:
-    cylinder = pipe()
-    both = evidence(face(cylinder, 30, np.random.default_rng(1)), contours(cylinder))
-    points = both.only_points()
-    assert len(points.points) == 30
-    sizes = [len(points.rays), len(points.origins), len(points.sides), len(points.ray_weights)]
-    assert sizes == [0, 0, 0, 0]
-    assert len(points.ray_sigmas) == 0
 
 
 # Outliers.
@@ -435,6 +424,12 @@ def test_an_axis_moved_along_itself_is_the_same_axis() -> None:
 # Compiled kernels.
 
 
+def jacobian_of(shifts: Array) -> Array:
+    """(6, N): a parameter shifts a place of the axis to the left or up, by 1, t or t² / 2."""
+    left, up, t = shifts
+    return np.stack((left, up, t * left, t * up, 0.5 * t * t * left, 0.5 * t * t * up))
+
+
 def test_residuals_agree_with_a_slow_reference() -> None:
     random = np.random.default_rng(8)
     cylinder = pipe()
@@ -447,11 +442,12 @@ def test_residuals_agree_with_a_slow_reference() -> None:
     rays = rays + random.normal(0.0, 0.02, rays.shape)
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     sigmas, ray_sigmas = random.uniform(0.004, 0.01, 15), random.uniform(5e-4, 1e-3, len(rays))
-    out, jacobian = np.empty(15 + len(rays)), np.empty((6, 15 + len(rays)))
-    evidence = (frame, 0.3, points, sigmas, rays, origins, sides, ray_sigmas)
-    _residuals(values, *evidence, out, jacobian)
+    out, shifts = np.empty(15 + len(rays)), np.empty((3, 15 + len(rays)))
+    evidence = (frame, 0.3, points.T.copy(), sigmas, rays, origins, sides, ray_sigmas)
+    _residuals(values, *evidence, out, shifts)
+    jacobian = jacobian_of(shifts)
     # Derivatives by differences: of rays within what a change of their depth does.
-    shifted, unused = np.empty_like(out), np.empty_like(jacobian)
+    shifted, unused = np.empty_like(out), np.empty_like(shifts)
     for a in range(6):
         moved = values.copy()
         moved[a] += 1e-6
@@ -484,10 +480,48 @@ def test_residuals_agree_with_a_slow_reference() -> None:
 
 def test_normal_equations_agree_with_numpy() -> None:
     random = np.random.default_rng(9)
-    jacobian, residuals = random.normal(size=(6, 40)), random.normal(size=40)
+    shifts, residuals = random.normal(size=(3, 40)), random.normal(size=40)
+    jacobian = jacobian_of(shifts)
     weights = random.uniform(0.0, 1.0, 40)
     weights[::4] = 0.0
     hessian, gradient = np.eye(6), np.ones(6)
-    _normal_equations(jacobian, residuals, weights, hessian, gradient)
+    _normal_equations(shifts, residuals, weights, hessian, gradient)
     assert np.allclose(hessian, np.eye(6) + jacobian @ np.diag(weights) @ jacobian.T)
     assert np.allclose(gradient, 1.0 + jacobian @ (weights * residuals))
+
+
+def test_the_steps_agree_with_numpy() -> None:
+    random = np.random.default_rng(10)
+    cylinder = pipe()
+    start = truth(cylinder)
+    points = face(cylinder, 60, random) + random.normal(0.0, 0.004, (60, 3))
+    points[:5] += [0.0, 0.0, 0.2]
+    data = evidence(points, contours(cylinder))
+    prior = Prior(start, np.array([0.02, 0.03, 0.01, 0.02, BEND_SIGMA, BEND_SIGMA]))
+    widths = (12.0, 6.0, 4.0)
+    fit = fit_axis(start, 0.3, data, UP, prior, widths)
+
+    left, up = across(start.direction, UP)
+    frame = np.stack((start.point, start.direction, left, up, start.bend))
+    size = len(points) + len(data.rays)
+    base = np.concatenate((np.full(len(points), data.point_weight), data.ray_weights))
+    information, values, noise = np.diag(1.0 / np.square(prior.sigmas)), np.zeros(6), 1.0
+    hessian, weights = information, base
+    for width in widths:
+        out, shifts = np.empty(size), np.empty((3, size))
+        rows = (data.points.T.copy(), data.point_sigmas, data.rays, data.origins, data.sides)
+        _residuals(values, frame, 0.3, *rows, data.ray_sigmas, out, shifts)
+        jacobian = jacobian_of(shifts)
+        scale = np.where(np.arange(size) < len(points), noise, 1.0)
+        weights = np.square(np.clip(1.0 - np.square(out / scale / width), 0.0, None))
+        scaled = base * weights / np.square(scale)
+        hessian = information + jacobian @ np.diag(scaled) @ jacobian.T
+        values = values - np.linalg.solve(hessian, information @ values + jacobian @ (scaled * out))
+        inside = out[: len(points)][weights[: len(points)] > 0.0]
+        noise = float(np.clip(1.4826 * np.median(np.abs(inside)), 0.6, 2.5)) if width < 7 else 1.0
+    moved = start.point + values[0] * left + values[1] * up
+    assert np.allclose(fit.axis.point, moved, atol=1e-9)
+    assert np.allclose(fit.axis.bend @ fit.left, values[4], atol=1e-6)
+    assert np.allclose(fit.covariance, np.linalg.inv(hessian), rtol=1e-6)
+    assert np.allclose(np.concatenate((fit.point_weights, fit.ray_weights)), weights, atol=1e-9)
+    assert fit.noise == pytest.approx(noise)

@@ -28,7 +28,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work in an empty directory, with a stand-in for the pipeline."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pipeline_tracker.replay.runner.Pipeline", StandIn)
-    monkeypatch.setattr("pipeline_tracker.replay.runner.warm_up", lambda _settings: None)
+    monkeypatch.setattr("pipeline_tracker.replay.runner.warm_up", lambda: None)
 
 
 @pytest.fixture

@@ -14,13 +14,11 @@ from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.evidence import (
     contour_rays,
     distances_from_axis,
-    exposed_points,
     gather,
-    on_face,
-    point_sigmas,
     rays_to_axis,
     unit_rays,
 )
+from pipeline_tracker.face import exposed_points, on_face, point_sigmas
 from pipeline_tracker.surface import triangulate
 
 Array = NDArray[np.float64]
@@ -212,4 +210,23 @@ def test_what_lies_on_the_pipe_covers_its_section_and_no_other() -> None:
     covered = replace(surface, points=lifted)
     exposed = exposed_points(covered, LEFT, axis, 0.3)
     assert not exposed[heap & (along > 0.6) & (along < 0.8)].any()
+    assert exposed[(along < 0.15) | (along > 1.25)].all()
+
+
+def test_silt_that_rises_through_the_pipe_covers_it() -> None:
+    # Of the points on the slope a good half are near the pipe's surface, a little below and above.
+    world = World.with_pipe()
+    assert world.pipe is not None
+    axis = abreast(world.pipe)
+    surface = triangulate(Diver(world, look=EXACT).frame(level_pose()).matches, RIG)
+    along = (surface.points - axis.point) @ axis.direction
+    slope = on_face(surface, LEFT, axis, 0.3) & (along > 0.4) & (along < 1.0)
+    sigmas = point_sigmas(surface, axis)
+    rise = np.random.default_rng(3).permutation(np.linspace(-4.5, 4.5, int(slope.sum())))
+    lifted = surface.points.copy()
+    lifted[slope] -= (rise * sigmas[slope])[:, None] * surface.rays[slope]
+    exposed = exposed_points(replace(surface, points=lifted), LEFT, axis, 0.3)
+    middle = slope & (along > 0.6) & (along < 0.8)
+    assert 0.5 < np.mean(np.abs(rise[middle[slope]]) < 3.0) < 0.75
+    assert not exposed[middle].any()
     assert exposed[(along < 0.15) | (along > 1.25)].all()

@@ -11,7 +11,8 @@ from rendering import pair
 from synthetic_world import DOWN, World, level_pose
 
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.evidence import distances_from_axis, on_face, without_sag
+from pipeline_tracker.evidence import distances_from_axis
+from pipeline_tracker.face import on_face, without_sag
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.settings_io import settings_from_values
 from pipeline_tracker.surface import SurfacePoints, triangulate

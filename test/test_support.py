@@ -13,12 +13,13 @@ from synthetic_world import DOWN, EXACT, LEFT, MONO, RIG, Bed, Diver, Look, Pipe
 
 from pipeline_tracker.acceptance import refusal, score, support_share
 from pipeline_tracker.axis_fit import Axis
-from pipeline_tracker.evidence import on_face
+from pipeline_tracker.face import ROUGHNESS, on_face
 from pipeline_tracker.geometry.camera import StereoRig
+from pipeline_tracker.plane import plane_cost
 from pipeline_tracker.support import (
     ContourSupport,
     Support,
-    _plane_cost,
+    _nearest_line,
     contour_pieces,
     contour_support,
     depth_ratio,
@@ -27,6 +28,7 @@ from pipeline_tracker.support import (
 )
 from pipeline_tracker.surface import triangulate
 from pipeline_tracker.types import Contours
+from pipeline_tracker.voting import line_support
 
 Array = NDArray[np.float64]
 
@@ -324,9 +326,49 @@ def test_mismatches_do_not_make_a_plane_worse() -> None:
     flat[:, 2] += 0.01 * rng.standard_normal(300)
     flat[:15, 2] += rng.uniform(-1.5, 3.0, 15)
     rays = flat / np.linalg.norm(flat, axis=1)[:, None]
-    cost = _plane_cost(flat, np.full(300, 0.01), rays)
+    cost = plane_cost(flat, np.full(300, 0.01), rays)
     assert np.mean(cost[15:]) < 0.6
     assert (cost[:15] > 2.0).mean() > 0.8
+
+
+def test_the_cost_for_a_plane_agrees_with_a_plain_fit() -> None:
+    rng = np.random.default_rng(6)
+    points = np.column_stack((rng.uniform(-0.5, 0.5, (200, 2)), np.full(200, 2.0)))
+    points[:, 2] += 0.2 * points[:, 0] + rng.normal(0.0, 0.02, 200)
+    points[:40, 2] -= rng.uniform(0.1, 0.4, 40)
+    depth_sigmas = rng.uniform(0.005, 0.02, 200)
+    rays = points / np.linalg.norm(points, axis=1)[:, None]
+    cost = plane_cost(points, depth_sigmas, rays)
+
+    sigmas = np.hypot(depth_sigmas, ROUGHNESS)
+    weights, normal = np.ones(200), np.array([-0.2, 0.0, 1.0]) / math.hypot(0.2, 1.0)
+    centre = np.array([0.0, 0.0, 2.0])
+    for width in (12.0, 8.0, 4.0, 4.0, 4.0):
+        facing = np.maximum(np.abs(rays @ normal), 0.2)
+        residuals = (points - centre) @ normal / np.hypot(depth_sigmas * facing, ROUGHNESS)
+        weights = np.square(np.clip(1.0 - np.square(residuals / width), 0.0, None)) / sigmas**2
+        centre = (points * weights[:, None]).sum(axis=0) / weights.sum()
+        away = points - centre
+        normal = np.linalg.eigh((away * weights[:, None]).T @ away)[1][:, 0]
+    expected = 16.0 / 6.0 * (1.0 - np.clip(1.0 - np.square(residuals / 4.0), 0.0, None) ** 3)
+    # Begun elsewhere, both are near the same plane after a few steps.
+    assert cost == pytest.approx(expected, abs=0.1)
+    assert np.mean(cost[:40]) > 2.0
+    assert np.mean(cost[40:]) < 1.0
+
+
+@pytest.mark.parametrize("curvature", [0.0, 0.04, -0.06])
+def test_a_bent_contour_is_supported_piece_by_piece(curvature: float) -> None:
+    diver, axis = scene(curvature=curvature)
+    frame = diver.frame(level_pose(), seed=3)
+    found = contour_support(frame, axis, 0.3)
+    assert len(found) == 4
+    segments = (frame.left_segments, frame.right_segments)
+    for contour in found:
+        seen = segments[int(contour.bit > Contours.LEFT_IMAGE_RIGHT)]
+        each = [line_support(seen, line, 6.0, 0.12, np.empty(2000)) for line in contour.pieces]
+        assert contour.contribution == pytest.approx(sum(part for part, _ in each), rel=1e-9)
+        assert contour.length == pytest.approx(sum(length for _, length in each))
 
 
 def test_a_surface_at_another_scale_leaves_clear_contours_alone() -> None:
@@ -346,3 +388,21 @@ def test_a_surface_at_another_scale_leaves_clear_contours_alone() -> None:
     # Not where the contours are faint: then it speaks against the axis.
     faint = replace(frame, left_segments=frame.left_segments[:0])
     assert judge(faint, longer, axis, 0.3).face_points > 0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_line_of_a_bent_contour_is_its_least_squares(turned: bool) -> None:
+    x = np.linspace(100.0, 700.0, 9)
+    knots = np.column_stack((x, 300.0 + 0.2 * x + 1e-4 * np.square(x - 350.0)))
+    if turned:
+        knots = knots[:, ::-1]
+    pieces = np.hstack((knots[:-1], knots[1:]))
+    along = int(turned)
+    # Five points in the middles of fifths of each piece, by its length.
+    shares = np.arange(0.1, 1.0, 0.2)[:, None, None]
+    points = (pieces[:, :2] + shares * (pieces[:, 2:] - pieces[:, :2])).reshape(-1, 2)
+    lengths = np.tile(np.linalg.norm(pieces[:, 2:] - pieces[:, :2], axis=1), 5)
+    fit = np.polyfit(points[:, along], points[:, 1 - along], 1, w=np.sqrt(lengths))
+    line = _nearest_line(pieces).reshape(2, 2)
+    assert np.allclose(line[:, along], [100.0, 700.0])
+    assert np.allclose(line[:, 1 - along], np.polyval(fit, [100.0, 700.0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from synthetic_world import LEFT, MONO, RIG
 
 from pipeline_tracker.geometry.camera import Camera, StereoRig
@@ -121,3 +122,22 @@ def test_a_subset_keeps_what_belongs_together() -> None:
     assert (part.points[:, 0] > 0.0).all()
     sizes = [len(a) for a in (part.rays, part.depth_sigmas, part.left_pixels, part.right_pixels)]
     assert sizes == [len(part.points)] * 4
+
+
+def test_the_noise_agrees_with_a_plain_reference() -> None:
+    random = np.random.default_rng(3)
+    matches = np.column_stack((random.uniform([0, 0], [1200, 800], (700, 2)), np.zeros((700, 2))))
+    bumpy = 60.0 + 8.0 * np.sin(0.02 * matches[:, 0]) + random.normal(0.0, 0.3, 700)
+    matches[:, 2], matches[:, 3] = matches[:, 0] - bumpy, matches[:, 1]
+    # Every second one, and the plane through the six nearest others.
+    _, near = cKDTree(matches[:, :2]).query(matches[::2, :2], k=7)
+    off = []
+    for k, row in zip(range(0, 700, 2), near[:, 1:], strict=True):
+        design = np.column_stack((np.ones(6), matches[row, :2] - matches[k, :2]))
+        normal = design.T @ design + np.diag([1e-6, 1.0, 1.0])
+        predicted = np.linalg.solve(normal, design.T @ bumpy[row])[0]
+        leverage = 1.0 + np.linalg.inv(normal)[0, 0]
+        off.append(abs(bumpy[k] - predicted) / np.sqrt(leverage))
+    expected = DISPARITY_SIGMA * 1.4826 * float(np.median(off)) / 0.45
+    assert expected > DISPARITY_SIGMA
+    assert disparity_sigma(matches, LEFT.width) == pytest.approx(expected, rel=1e-6)

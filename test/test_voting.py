@@ -10,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pipeline_tracker.voting import contribution, line_support
+from pipeline_tracker.voting import (
+    contribution,
+    line_support,
+    middles_of,
+    support_by_middles,
+)
 
 Array = NDArray[np.float64]
 
@@ -150,3 +155,33 @@ def test_support_is_never_more_than_the_line_nor_less_for_more_segments(
     total = support(*rows)
     assert 0.0 <= total <= 100.0 + 1e-9
     assert total >= support(*rows[1:]) - 1e-9
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, 0.05, 0.8, math.pi / 2, 3.1, math.pi])
+def test_a_line_among_many_is_supported_as_one_alone(turn: float) -> None:
+    # Points, and numbers that are none, support nothing.
+    random = np.random.default_rng(round(100 * turn))
+    middles = random.uniform(180.0, 220.0, (300, 2))
+    angles = turn + random.normal(0.0, 0.15, 300)
+    half = np.column_stack((np.cos(angles), np.sin(angles))) * random.uniform(2.0, 30.0, (300, 1))
+    segments = np.hstack((middles - half, middles + half)).astype(np.float32)
+    segments[::50] = segments[::50, [0, 1, 0, 1]]
+    segments[7] = np.nan
+    along = np.array([math.cos(turn), math.sin(turn)])
+    off_line = np.empty(300)
+    for off in (0.0, 4.0):
+        start = np.array([200.0, 200.0]) - 60.0 * along + off * along[::-1]
+        line = np.concatenate((start, start + 120.0 * along))
+        plain, _ = line_support(segments, line, DISTANCE, ANGLE, np.zeros(400))
+        fast = support_by_middles(
+            segments, middles_of(segments), line, DISTANCE, ANGLE, np.zeros(400), off_line
+        )
+        assert plain > 50.0
+        assert fast == pytest.approx(plain, rel=1e-9)
+
+
+def test_no_segments_support_nothing() -> None:
+    none = np.zeros((0, 4), np.float32)
+    off = np.empty(0)
+    scratch = np.zeros(400)
+    assert support_by_middles(none, middles_of(none), LINE, DISTANCE, ANGLE, scratch, off) == 0.0

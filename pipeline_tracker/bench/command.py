@@ -72,7 +72,7 @@ def _measure(options: BenchOptions, recording: Recording, status: Status) -> Ben
     stock = StockMethods()
     main = recording.resized(options.main_size)
     with one_thread():
-        warm_up(recording.settings)
+        warm_up()
         sizes = []
         for size in options.sizes:
             status.update(f"measuring at {size[0]} x {size[1]}")

@@ -7,6 +7,7 @@ Camera coordinates: ROS optical frame of the left rectified camera, x right, y d
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +40,13 @@ class Camera:
     def matrix(self) -> Array:
         """K, 3 x 3."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @cached_property
+    def numbers(self) -> Array:
+        """The attributes in their order, (7,), as compiled kernels take them."""
+        return np.array(
+            [self.fx, self.fy, self.cx, self.cy, self.width, self.height, self.offset], np.float64
+        )
 
     @property
     def centre(self) -> Array:

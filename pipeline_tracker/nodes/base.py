@@ -86,7 +86,7 @@ class PipelineNode(TalkingNode):
         self.scope.add(setattr, self._gate, "settled", False)
         self.live_clock = LiveClock(self._now_ns)
         self.check()
-        warm_up(self.settings)
+        warm_up()
         self.open_outputs()
 
     def activate(self) -> None:

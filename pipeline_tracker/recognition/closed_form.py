@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, Evidence, Prior, across, fit_axis
 from pipeline_tracker.evidence import (
     EDGE_OUTSIDE,
-    SPAN,
     contour_rays,
     distances_from_axis,
-    on_face,
-    point_sigmas,
     rays_to_axis,
-    without_sag,
 )
+from pipeline_tracker.face import SPAN, on_face, point_sigmas, without_sag
 from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.recognition.techniques import technique1, technique2, technique3
 from pipeline_tracker.surface import LEAST_FACE_POINTS, SurfacePoints
@@ -73,20 +71,48 @@ def contour_line(
         ),
         axis=1,
     )
-    robust = np.ones(len(pixels))
-    line = np.zeros(3)
-    for width in _LINE_WIDTHS:
-        w = weights * robust
-        centre = (pixels * w[:, None]).sum(axis=0) / w.sum()
-        away = pixels - centre
-        _, vectors = np.linalg.eigh((away * w[:, None]).T @ away)
-        normal = vectors[:, 0]
-        line = np.array([normal[0], normal[1], -float(normal @ centre)])
-        # Edges beside the contour (growth, a shadow) are many: those that agree win, not the mean.
-        robust = np.square(1.0 / (1.0 + np.square(away @ normal / (width * max(1.0, scale)))))
+    line = np.empty(3)
+    _fit_line(np.ascontiguousarray(pixels), weights, max(1.0, scale), line)
     inward = np.sign(line[:2] @ camera.project(axis.point) + line[2])
     line[2] -= inward * EDGE_OUTSIDE * scale
     return line
+
+
+@compiled
+def _fit_line(pixels: Array, weights: Array, scale: float, line: Array) -> None:
+    """Fit a line to pixels of which many lie beside it.
+
+    Args:
+        pixels: (N, 2), px.
+        weights: (N,).
+        scale: of the robust widths.
+        line: (a, b, c), filled; a² + b² = 1.
+    """
+    line[:] = 0.0
+    for k in range(len(_LINE_WIDTHS)):
+        width = scale * _LINE_WIDTHS[max(k - 1, 0)]
+        total, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(pixels.shape[0]):
+            # From the first pixel: sums of squares of small numbers.
+            x, y = pixels[i, 0] - pixels[0, 0], pixels[i, 1] - pixels[0, 1]
+            w = weights[i]
+            if k > 0:
+                # Edges beside the contour (growth, a shadow) are many: those that agree win, not
+                # the mean.
+                off = (line[0] * pixels[i, 0] + line[1] * pixels[i, 1] + line[2]) / width
+                w *= (1.0 / (1.0 + off * off)) ** 2
+            total += w
+            sx += w * x
+            sy += w * y
+            sxx += w * x * x
+            sxy += w * x * y
+            syy += w * y * y
+        mx, my = sx / total, sy / total
+        cxx, cxy, cyy = sxx / total - mx * mx, sxy / total - mx * my, syy / total - my * my
+        # The direction in which they scatter most, and the normal across it.
+        along = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy)
+        line[0], line[1] = -np.sin(along), np.cos(along)
+        line[2] = -line[0] * (mx + pixels[0, 0]) - line[1] * (my + pixels[0, 1])
 
 
 def _pair(
@@ -211,16 +237,14 @@ def solve_by_technique(
         covariance; None where the technique does not apply to what is seen.
     """
     rig = frame.rig
-    left_pair = _pair(frame, 0, known, radius)
-    right_pair = _pair(frame, 1, known, radius) if rig.right is not None else None
     axis: Axis | None = None
     lines: list[tuple[Array, Camera]] = []
     if technique == 1:
         return _by_surface(surface, rig.left, known, radius, vertical)
     if technique == 2:
-        pair, camera = (left_pair, rig.left)
+        pair, camera = (_pair(frame, 0, known, radius), rig.left)
         if pair is None and rig.right is not None:
-            pair, camera = (right_pair, rig.right)
+            pair, camera = (_pair(frame, 1, known, radius), rig.right)
         if pair is None:
             return None
         lines = [(line, camera) for line in pair]
@@ -230,7 +254,10 @@ def solve_by_technique(
             return technique2(moved[0], moved[1], camera, radius, seen)
 
     else:
-        if left_pair is None or right_pair is None or rig.right is None:
+        if rig.right is None:
+            return None
+        left_pair, right_pair = (_pair(frame, number, known, radius) for number in (0, 1))
+        if left_pair is None or right_pair is None:
             return None
         lines = [(line, rig.left) for line in left_pair]
         lines += [(line, rig.right) for line in right_pair]

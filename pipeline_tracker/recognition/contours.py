@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.geometry.camera import Camera
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.recognition.groups import form_groups
 from pipeline_tracker.recognition.hough import HoughLine, hough_lines
 from pipeline_tracker.recognition.techniques import technique2
@@ -24,6 +25,11 @@ REFERENCE_WIDTH = 1200.0
 _NEAREST_RADII, _FURTHEST_DIAMETERS = 1.2, 40.0
 # A strip is called a shadow where it is darker than this share of both its neighbours.
 _SHADOW_SHARE = 0.75
+# ... and its brightness differs by less than this share of it; so many pixels of the thumbnail of
+# it and of each neighbour tell.
+_SHADOW_STRUCTURE, _SHADOW_PIXELS = 0.08, 12
+# A line with a slope below this runs along the rows.
+_LEVEL = 1e-9
 
 
 def contour_candidates(segments: Float32Array, camera: Camera) -> list[HoughLine]:
@@ -111,20 +117,90 @@ def is_shadow(first: Array, second: Array, thumbnail: Image, shrunk: float) -> b
     """
     if thumbnail.size == 0:
         return False
-    ys, xs = np.mgrid[0 : thumbnail.shape[0], 0 : thumbnail.shape[1]]
-    x, y = (xs + 0.5) * shrunk - 0.5, (ys + 0.5) * shrunk - 0.5
-    a = first[0] * x + first[1] * y + first[2]
-    b = second[0] * x + second[1] * y + second[2]
-    if float(first[:2] @ second[:2]) < 0:
-        b = -b
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    inside = (low < 0) & (high > 0)
-    width = np.median((high - low)[inside]) if inside.any() else 0.0
-    before = (high <= 0) & (high > -0.5 * width)
-    after = (low >= 0) & (low < 0.5 * width)
-    if inside.sum() < 12 or before.sum() < 12 or after.sum() < 12:
+    return _darker_between(first, second, np.ascontiguousarray(thumbnail), shrunk)
+
+
+@compiled
+def _columns_between(
+    first: float, second: float, at_first: float, at_second: float, columns: int
+) -> tuple[int, int]:
+    """Return the range of columns in which two linear functions of the column may differ in sign.
+
+    Args:
+        first, second: their slopes.
+        at_first, at_second: their values at column 0.
+        columns: how many there are.
+    """
+    if abs(first) < _LEVEL or abs(second) < _LEVEL:
+        return 0, columns
+    a, b = -at_first / first, -at_second / second
+    low, high = max(min(a, b), 0.0), min(max(a, b) + 1.0, 1.0 * columns)
+    return (int(low), int(high)) if low < high else (0, 0)
+
+
+@compiled
+def _darker_between(first: Array, second: Array, thumbnail: Image, shrunk: float) -> bool:
+    """See ``is_shadow``; the thumbnail is not empty."""
+    widths = np.empty(thumbnail.size)
+    inside, mean, spread = _strip(first, second, thumbnail, shrunk, widths)
+    if inside < _SHADOW_PIXELS or not spread < _SHADOW_STRUCTURE * max(mean, 1.0):
         return False
-    strip = thumbnail[inside].astype(np.float64)
-    beside = min(float(np.mean(thumbnail[before])), float(np.mean(thumbnail[after])))
-    structure = float(np.std(strip)) / max(float(np.mean(strip)), 1.0)
-    return float(np.mean(strip)) < _SHADOW_SHARE * beside and structure < 0.08
+    beside = _beside(first, second, thumbnail, shrunk, np.median(widths[:inside]))
+    return mean < _SHADOW_SHARE * beside
+
+
+@compiled
+def _values(
+    first: Array, second: Array, row: int, shrunk: float
+) -> tuple[float, float, float, float]:
+    """Return both lines' values at the first pixel of a row of the thumbnail, and their slopes."""
+    sign = -1.0 if first[0] * second[0] + first[1] * second[1] < 0.0 else 1.0
+    x, y = 0.5 * shrunk - 0.5, (row + 0.5) * shrunk - 0.5
+    a = first[0] * x + first[1] * y + first[2]
+    b = sign * (second[0] * x + second[1] * y + second[2])
+    return a, b, shrunk * first[0], sign * shrunk * second[0]
+
+
+@compiled
+def _strip(
+    first: Array, second: Array, thumbnail: Image, shrunk: float, widths: Array
+) -> tuple[int, float, float]:
+    """Fill the strip's width at each pixel between two lines; how many, their mean and spread."""
+    count = 0
+    total = 0.0
+    squares = 0.0
+    for row in range(thumbnail.shape[0]):
+        a, b, da, db = _values(first, second, row, shrunk)
+        begin, end = _columns_between(da, db, a, b, thumbnail.shape[1])
+        for column in range(begin, end):
+            at_first, at_second = a + column * da, b + column * db
+            if min(at_first, at_second) < 0.0 < max(at_first, at_second):
+                value = float(thumbnail[row, column])
+                widths[count] = abs(at_first - at_second)
+                count += 1
+                total += value
+                squares += value * value
+    if count == 0:
+        return 0, 0.0, 0.0
+    mean = total / count
+    return count, mean, np.sqrt(max(0.0, squares / count - mean * mean))
+
+
+@compiled
+def _beside(first: Array, second: Array, thumbnail: Image, shrunk: float, width: float) -> float:
+    """Return the darker mean of what is beside a strip, as far as half its width; 0 of too few."""
+    before = after = 0
+    dark_before = dark_after = 0.0
+    for row in range(thumbnail.shape[0]):
+        a, b, da, db = _values(first, second, row, shrunk)
+        for column in range(thumbnail.shape[1]):
+            at_first, at_second = a + column * da, b + column * db
+            if -0.5 * width < max(at_first, at_second) <= 0.0:
+                before += 1
+                dark_before += thumbnail[row, column]
+            if 0.0 <= min(at_first, at_second) < 0.5 * width:
+                after += 1
+                dark_after += thumbnail[row, column]
+    if before < _SHADOW_PIXELS or after < _SHADOW_PIXELS:
+        return 0.0
+    return min(dark_before / before, dark_after / after)

@@ -31,7 +31,7 @@ class Group:
 @compiled
 def _assign(
     middles: Array,
-    angles: Array,
+    ways: Array,
     lengths: Array,
     order: NDArray[np.int64],
     distance: float,
@@ -42,23 +42,30 @@ def _assign(
 ) -> int:
     """Give each segment, longest first, to the nearest group or to one of its own.
 
-    ``sums`` holds for each group: length, Σ l x, Σ l y, Σ l cos 2φ, Σ l sin 2φ, contributions.
+    Args:
+        middles: of the segments, (N, 2), px.
+        ways: their unit directions, (N, 2).
+        lengths: (N,), px.
+        order: longest first, (N,).
+        distance, angle, long: see ``form_groups``.
+        labels: (N,), filled with each segment's group, -1 where it has none.
+        sums: (groups, 6), filled with length, Σ l x, Σ l y, Σ l cos 2φ, Σ l sin 2φ, contributions.
+
+    Returns:
+        How many groups.
     """
     count = 0
+    # Middle and unit direction of each group.
+    lines = np.empty((sums.shape[0], 4))
+    steepest = np.sin(angle)
     for index in order:
+        x, y, ux, uy = middles[index, 0], middles[index, 1], ways[index, 0], ways[index, 1]
         best = -1
         least = 1.0
         for g in range(count):
-            x = sums[g, 1] / sums[g, 0]
-            y = sums[g, 2] / sums[g, 0]
-            direction = 0.5 * np.arctan2(sums[g, 4], sums[g, 3])
-            turn = abs(np.sin(angles[index] - direction))
-            if turn > np.sin(angle):
+            if abs(uy * lines[g, 2] - ux * lines[g, 3]) > steepest:
                 continue
-            off = abs(
-                -np.sin(direction) * (middles[index, 0] - x)
-                + np.cos(direction) * (middles[index, 1] - y)
-            )
+            off = abs(lines[g, 2] * (y - lines[g, 1]) - lines[g, 3] * (x - lines[g, 0]))
             if off / distance < least:
                 least = off / distance
                 best = g
@@ -70,12 +77,16 @@ def _assign(
             least = 0.0
         length = lengths[index]
         labels[index] = best
-        sums[best, 0] += length
-        sums[best, 1] += length * middles[index, 0]
-        sums[best, 2] += length * middles[index, 1]
-        sums[best, 3] += length * np.cos(2 * angles[index])
-        sums[best, 4] += length * np.sin(2 * angles[index])
-        sums[best, 5] += length * (1.0 - least)
+        own = sums[best]
+        own[0] += length
+        own[1] += length * x
+        own[2] += length * y
+        own[3] += length * (ux * ux - uy * uy)
+        own[4] += length * 2.0 * ux * uy
+        own[5] += length * (1.0 - least)
+        direction = 0.5 * np.arctan2(own[4], own[3])
+        lines[best, 0], lines[best, 1] = own[1] / own[0], own[2] / own[0]
+        lines[best, 2], lines[best, 3] = np.cos(direction), np.sin(direction)
     return count
 
 
@@ -106,16 +117,19 @@ def form_groups(
     middles = 0.5 * (ends[:, :2] + ends[:, 2:]) - np.array(centre)
     across = ends[:, 2:] - ends[:, :2]
     lengths = np.hypot(across[:, 0], across[:, 1])
-    angles = np.arctan2(across[:, 1], across[:, 0])
+    ways = across / np.maximum(lengths, 1e-9)[:, None]
     order = np.argsort(-lengths, kind="stable")
     labels = np.full(len(ends), -1, np.int64)
     sums = np.zeros((most, 6))
-    count = _assign(middles, angles, lengths, order, distance, angle, long, labels, sums)
-    groups = []
-    for g in range(count):
-        direction = 0.5 * np.arctan2(sums[g, 4], sums[g, 3])
-        theta = direction + np.pi / 2
-        rho = (sums[g, 1] * np.cos(theta) + sums[g, 2] * np.sin(theta)) / sums[g, 0]
-        members = np.flatnonzero(labels == g)
-        groups.append(Group((float(theta), float(rho)), float(sums[g, 5]), members))
-    return sorted(groups, key=lambda group: -group.weight)
+    count = _assign(middles, ways, lengths, order, distance, angle, long, labels, sums)
+    sums = sums[:count]
+    theta = 0.5 * np.arctan2(sums[:, 4], sums[:, 3]) + np.pi / 2
+    rho = (sums[:, 1] * np.cos(theta) + sums[:, 2] * np.sin(theta)) / sums[:, 0]
+    by_group = np.argsort(labels, kind="stable")
+    starts = np.searchsorted(labels[by_group], np.arange(count + 1))
+    return [
+        Group(
+            (float(theta[g]), float(rho[g])), float(sums[g, 5]), by_group[starts[g] : starts[g + 1]]
+        )
+        for g in np.argsort(-sums[:, 5], kind="stable")
+    ]

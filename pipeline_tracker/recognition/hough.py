@@ -12,6 +12,9 @@ from pipeline_tracker.types import Float32Array
 
 Array = NDArray[np.float64]
 
+# Cells of the table over half a turn.
+_ANGLE_CELLS = 180
+
 
 @dataclass(frozen=True)
 class HoughLine:
@@ -35,7 +38,7 @@ def _vote(
     rho_step: float,
     spread: float,
     distance: float,
-    table: Array,
+    table: Float32Array,
 ) -> None:
     """Add each segment's contribution to the cells (θ, ρ) of the lines it may belong to.
 
@@ -45,47 +48,69 @@ def _vote(
     angle_cells, rho_cells = table.shape
     half = (rho_cells - 1) // 2
     reach = int(spread / angle_step)
+    directions = np.empty((angle_cells, 2))
+    for j in range(angle_cells):
+        directions[j, 0], directions[j, 1] = np.cos(j * angle_step), np.sin(j * angle_step)
     for i in range(middles.shape[0]):
+        x, y = lengths[i] * np.cos(normals[i]), lengths[i] * np.sin(normals[i])
         first = int(np.rint(normals[i] / angle_step))
         for j in range(first - reach, first + reach + 1):
-            theta = j * angle_step
-            turn = theta - normals[i]
-            along = lengths[i] * np.cos(turn)
-            rho = middles[i, 0] * np.cos(theta) + middles[i, 1] * np.sin(theta)
             cell = j % angle_cells
-            # How often the angle went round: each half turn changes the sign of rho.
-            sign = 1.0 if ((j - cell) // angle_cells) % 2 == 0 else -1.0
-            low = int(np.ceil((rho - distance) / rho_step))
-            high = int(np.floor((rho + distance) / rho_step))
+            c, s = directions[cell, 0], directions[cell, 1]
+            along = abs(c * x + s * y)
+            rho = middles[i, 0] * c + middles[i, 1] * s
+            low = max(int(np.ceil((rho - distance) / rho_step)), -half)
+            high = min(int(np.floor((rho + distance) / rho_step)), half)
             for k in range(low, high + 1):
-                weight = along * (1.0 - abs(k * rho_step - rho) / distance)
-                column = half + int(sign) * k
-                if 0 <= column < rho_cells:
-                    table[cell, column] += weight
+                table[cell, half + k] += along * (1.0 - abs(k * rho_step - rho) / distance)
+
+
+@compiled
+def _highest(table: Float32Array, row: int, heights: Array, columns: NDArray[np.int64]) -> None:
+    """Find the heaviest cell of a row anew."""
+    column = 0
+    for r in range(1, table.shape[1]):
+        if table[row, r] > table[row, column]:
+            column = r
+    heights[row] = table[row, column]
+    columns[row] = column
 
 
 @compiled
 def _peaks(
-    table: Array, most: int, least: float, angle_reach: int, rho_reach: int, out: NDArray[np.int64]
+    table: Float32Array,
+    least: float,
+    angle_reach: int,
+    rho_reach: int,
+    out: NDArray[np.int64],
+    weights: Array,
 ) -> int:
-    """Take the heaviest cell, clear its neighbourhood (round the wrap as well), and so on."""
+    """Take the heaviest cell, clear its neighbourhood (round the wrap as well), and so on.
+
+    Args:
+        table: changed.
+        least: weight that a cell must have more of.
+        angle_reach, rho_reach: of a neighbourhood, cells.
+        out, weights: (most, 2) and (most,), filled with rows and columns of the cells, and what
+            was in them.
+
+    Returns:
+        How many are found.
+    """
     angle_cells, rho_cells = table.shape
     half = (rho_cells - 1) // 2
+    heights, columns = np.empty(angle_cells), np.empty(angle_cells, np.int64)
+    for a in range(angle_cells):
+        _highest(table, a, heights, columns)
     count = 0
-    while count < most:
-        best = least
-        row = -1
-        column = -1
-        for a in range(angle_cells):
-            for r in range(rho_cells):
-                if table[a, r] > best:
-                    best = table[a, r]
-                    row = a
-                    column = r
-        if row < 0:
+    while count < out.shape[0]:
+        row = int(np.argmax(heights))
+        column = columns[row]
+        if not heights[row] > least:
             break
         out[count, 0] = row
         out[count, 1] = column
+        weights[count] = heights[row]
         count += 1
         for da in range(-angle_reach, angle_reach + 1):
             a = row + da
@@ -98,13 +123,14 @@ def _peaks(
                 r = centre + dr
                 if 0 <= r < rho_cells:
                     table[a, r] = 0.0
+            _highest(table, a, heights, columns)
     return count
 
 
 @compiled
 def _refine(
     middles: Array,
-    angles: Array,
+    ways: Array,
     lengths: Array,
     theta: float,
     rho: float,
@@ -112,22 +138,22 @@ def _refine(
     spread: float,
 ) -> tuple[float, float]:
     """Move a line to the weighted least squares of the segments that vote for it."""
+    steepest = np.sin(spread)
     for _ in range(3):
         total = 0.0
         sx = 0.0
         sy = 0.0
-        c2 = 0.0
-        s2 = 0.0
         xx = 0.0
         xy = 0.0
         yy = 0.0
+        c, s = np.cos(theta), np.sin(theta)
         for i in range(middles.shape[0]):
-            off = abs(middles[i, 0] * np.cos(theta) + middles[i, 1] * np.sin(theta) - rho)
-            if off > distance or abs(np.cos(angles[i] - theta)) > np.sin(spread):
+            off = abs(middles[i, 0] * c + middles[i, 1] * s - rho)
+            if off > distance or abs(ways[i, 0] * c + ways[i, 1] * s) > steepest:
                 continue
             w = lengths[i] * (1.0 - off / distance)
-            dx = 0.5 * lengths[i] * np.cos(angles[i])
-            dy = 0.5 * lengths[i] * np.sin(angles[i])
+            dx = 0.5 * lengths[i] * ways[i, 0]
+            dy = 0.5 * lengths[i] * ways[i, 1]
             total += w
             sx += w * middles[i, 0]
             sy += w * middles[i, 1]
@@ -173,29 +199,53 @@ def hough_lines(
     """
     if segments.shape[0] == 0:
         return []
-    width, height = size
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
-    ends = segments.astype(np.float64)
-    middles = 0.5 * (ends[:, :2] + ends[:, 2:]) - centre
-    across = ends[:, 2:] - ends[:, :2]
-    lengths = np.hypot(across[:, 0], across[:, 1])
-    angles = np.arctan2(across[:, 1], across[:, 0])
-    angle_cells = 180
-    angle_step = np.pi / angle_cells
+    lines, weights = np.empty((most, 3)), np.empty(most)
+    count = _find(
+        np.ascontiguousarray(segments, np.float32),
+        *size,
+        spread,
+        distance,
+        least_share,
+        lines,
+        weights,
+    )
+    return [HoughLine(lines[k], float(weights[k])) for k in range(count)]
+
+
+@compiled
+def _find(
+    segments: Float32Array,
+    width: int,
+    height: int,
+    spread: float,
+    distance: float,
+    least_share: float,
+    lines: Array,
+    weights: Array,
+) -> int:
+    """Fill lines, (most, 3), and weights, (most,), see ``hough_lines``; how many there are."""
+    n = segments.shape[0]
+    cx, cy = (width - 1) / 2, (height - 1) / 2
+    middles, ways, lengths, normals = np.empty((n, 2)), np.empty((n, 2)), np.empty(n), np.empty(n)
+    for i in range(n):
+        x1, y1 = np.float64(segments[i, 0]), np.float64(segments[i, 1])
+        x2, y2 = np.float64(segments[i, 2]), np.float64(segments[i, 3])
+        middles[i, 0], middles[i, 1] = 0.5 * (x1 + x2) - cx, 0.5 * (y1 + y2) - cy
+        dx, dy = x2 - x1, y2 - y1
+        lengths[i] = np.sqrt(dx * dx + dy * dy)
+        scale = 1.0 / max(lengths[i], 1e-9)
+        ways[i, 0], ways[i, 1] = dx * scale, dy * scale
+        normals[i] = (np.arctan2(dy, dx) + 0.5 * np.pi) % np.pi
+    angle_step = np.pi / _ANGLE_CELLS
     rho_step = distance / 3.0
-    half = int(np.hypot(width, height) / 2 / rho_step) + 4
-    table = np.zeros((angle_cells, 2 * half + 1))
-    normals = np.mod(angles + np.pi / 2, np.pi)
+    half = int(0.5 * np.sqrt(width * width + height * height) / rho_step) + 4
+    table = np.zeros((_ANGLE_CELLS, 2 * half + 1), np.float32)
     _vote(middles, normals, lengths, angle_step, rho_step, spread, distance, table)
-    cells = np.empty((most, 2), np.int64)
-    least = least_share * min(width, height)
-    count = _peaks(table.copy(), most, least, 3, 5, cells)
-    lines = []
-    for row, column in cells[:count]:
-        theta, rho = _refine(
-            middles, angles, lengths, row * angle_step, (column - half) * rho_step, distance, spread
-        )
-        normal = np.array([np.cos(theta), np.sin(theta)])
-        line = np.array([normal[0], normal[1], -rho - float(normal @ centre)])
-        lines.append(HoughLine(line, float(table[row, column])))
-    return lines
+    cells = np.empty((lines.shape[0], 2), np.int64)
+    count = _peaks(table, least_share * min(width, height), 3, 5, cells, weights)
+    for k in range(count):
+        theta, rho = cells[k, 0] * angle_step, (cells[k, 1] - half) * rho_step
+        theta, rho = _refine(middles, ways, lengths, theta, rho, distance, spread)
+        lines[k, 0], lines[k, 1] = np.cos(theta), np.sin(theta)
+        lines[k, 2] = -rho - lines[k, 0] * cx - lines[k, 1] * cy
+    return count

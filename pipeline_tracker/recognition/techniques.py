@@ -11,12 +11,15 @@ from scipy.optimize import least_squares
 
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.geometry.camera import Camera, StereoRig
+from pipeline_tracker.jit import compiled
 
 Array = NDArray[np.float64]
 
 # Technique 3 is refused where the two median planes meet at less than this, rad: at 2 m and a
 # baseline of 0.2 m, a pipe less than 30 degrees from the baseline.
 LEAST_PLANE_ANGLE = 0.045
+# Tangent planes that meet at less than this are one plane.
+_PARALLEL = 1e-6
 
 
 def tangent_plane(line: Array, camera: Camera) -> Array:
@@ -36,17 +39,27 @@ def oriented_planes(left: Array, right: Array, camera: Camera) -> tuple[Array, A
     Returns:
         None where the lines have no strip between them inside the picture.
     """
-    inside = _pixel_between(left, right, camera)
-    if inside is None:
-        return None
-    n_left, n_right = tangent_plane(left, camera), tangent_plane(right, camera)
-    ray = camera.rays(inside)
-    if float(n_left @ ray) > 0:
-        n_left = -n_left
-    if float(n_right @ ray) < 0:
-        n_right = -n_right
-    # Opposite signs at a pixel between them: both normals point to the same side, across the pipe.
-    return n_left, n_right
+    planes = np.empty((2, 3))
+    return (planes[0], planes[1]) if _orient(left, right, camera.numbers, planes) else None
+
+
+@compiled
+def _orient(left: Array, right: Array, camera: Array, planes: Array) -> bool:
+    """Fill both normals, (2, 3), see ``oriented_planes``; whether there is a strip."""
+    inside = np.empty(2)
+    if not _fill_between(left, right, camera[4], camera[5], inside):
+        return False
+    for k in range(2):
+        line = left if k == 0 else right
+        # Opposite signs at a pixel between them: both normals point to the same side, across the
+        # pipe.
+        value = line[0] * inside[0] + line[1] * inside[1] + line[2]
+        sign = -1.0 if (value > 0.0 if k == 0 else value < 0.0) else 1.0
+        x, y = line[0] * camera[0], line[1] * camera[1]
+        z = line[0] * camera[2] + line[1] * camera[3] + line[2]
+        scale = sign / np.sqrt(x * x + y * y + z * z)
+        planes[k, 0], planes[k, 1], planes[k, 2] = x * scale, y * scale, z * scale
+    return True
 
 
 def technique2(
@@ -64,30 +77,52 @@ def technique2(
     Returns:
         The axis, or None where the lines are no contours of a pipe before the camera.
     """
-    normals = oriented_planes(left, right, camera)
-    if normals is None:
+    pixel = np.full(2, np.nan) if seen is None else seen
+    rows = np.empty((2, 3))
+    if not _solve_tangents(left, right, camera.numbers, radius, pixel, rows):
         return None
-    n_left, n_right = normals
+    return Axis.straight(rows[0], rows[1])
+
+
+@compiled
+def _solve_tangents(
+    left: Array, right: Array, camera: Array, radius: float, seen: Array, axis: Array
+) -> bool:
+    """Fill point and direction of the axis, (2, 3), see ``technique2``; whether there is one.
+
+    Args:
+        left, right, radius: see there.
+        camera: its numbers.
+        seen: a pixel between the lines; NaN: midway between them.
+        axis: filled.
+    """
+    planes = np.empty((2, 3))
+    if not _orient(left, right, camera, planes):
+        return False
+    n_left, n_right = planes[0], planes[1]
     v = np.cross(n_left, n_right)
-    sine = float(np.linalg.norm(v))
-    if sine < 1e-6:
-        return None
-    v = v / sine
+    sine = np.sqrt(np.sum(v * v))
+    if sine < _PARALLEL:
+        return False
+    v /= sine
     n_median = n_left + n_right
-    n_median = n_median / np.linalg.norm(n_median)
-    beta = float(np.arctan2(sine, float(n_left @ n_right)))
+    n_median /= np.sqrt(np.sum(n_median * n_median))
+    beta = np.arctan2(sine, np.sum(n_left * n_right))
     distance = radius / np.sin(beta / 2.0)
-    inside = _pixel_between(left, right, camera) if seen is None else seen
-    if inside is None:
-        return None
+    inside = seen.copy()
+    if np.isnan(seen[0]):
+        _fill_between(left, right, camera[4], camera[5], inside)
     u = np.cross(v, n_median)
     # The sign for which the visible part of the axis lies before the camera: the axis and the ray
     # of a pixel on it in the picture are on the same side of v.
-    ray = camera.rays(inside)
-    across = ray - v * float(ray @ v)
-    if float(u @ across) < 0:
+    ray = np.array([(inside[0] - camera[2]) / camera[0], (inside[1] - camera[3]) / camera[1], 1.0])
+    across = ray - v * np.sum(ray * v)
+    if np.sum(u * across) < 0.0:
         u = -u
-    return Axis.straight(camera.centre + distance * u, v)
+    axis[0] = distance * u
+    axis[0, 0] += camera[6]
+    axis[1] = v
+    return True
 
 
 def technique3(
@@ -181,41 +216,45 @@ def technique1(
     return Axis.straight(centre[0] * x + centre[1] * z + along * y, y)
 
 
-def _pixel_between(left: Array, right: Array, camera: Camera) -> Array | None:
-    """Return a pixel of the picture midway between two lines, or None where neither enters it."""
-    middles = []
-    for line in (left, right):
-        ends = clip_image_line(line, camera.width, camera.height)
-        if ends is not None:
-            middles.append(0.5 * (ends[:2] + ends[2:]))
-    if not middles:
-        return None
+@compiled
+def _fill_between(left: Array, right: Array, width: float, height: float, pixel: Array) -> bool:
+    """Fill a pixel midway between two lines; whether either of them enters the picture."""
+    ends = np.empty(4)
     # From the middle of one clipped line to the nearest place of the other.
-    start = middles[0]
-    other = (
-        right
-        if len(middles) == 2 or clip_image_line(left, camera.width, camera.height) is not None
-        else left
-    )
-    off = float(other[0] * start[0] + other[1] * start[1] + other[2])
-    foot = start - off * other[:2]
-    between: Array = 0.5 * (start + foot)
-    return between
+    if _clip(left, width, height, ends):
+        other = right
+    elif _clip(right, width, height, ends):
+        other = left
+    else:
+        return False
+    x, y = 0.5 * (ends[0] + ends[2]), 0.5 * (ends[1] + ends[3])
+    off = other[0] * x + other[1] * y + other[2]
+    pixel[0] = x - 0.5 * off * other[0]
+    pixel[1] = y - 0.5 * off * other[1]
+    return True
+
+
+@compiled
+def _clip(line: Array, width: float, height: float, ends: Array) -> bool:
+    """Fill the ends of a line clipped to the picture; whether it enters it."""
+    a, b, c = line[0], line[1], line[2]
+    low, high = -np.inf, np.inf
+    for k in range(2):
+        point, step, size = (-a * c, -b, width) if k == 0 else (-b * c, a, height)
+        if abs(step) < 1e-12:
+            if not -0.5 <= point <= size - 0.5:
+                return False
+            continue
+        first, second = (-0.5 - point) / step, (size - 0.5 - point) / step
+        low, high = max(low, min(first, second)), min(high, max(first, second))
+    if not low < high:
+        return False
+    ends[0], ends[1] = -a * c - low * b, -b * c + low * a
+    ends[2], ends[3] = -a * c - high * b, -b * c + high * a
+    return True
 
 
 def clip_image_line(line: Array, width: int, height: int) -> Array | None:
     """Clip an image line to the picture; (4,) x1 y1 x2 y2, px, or None where it misses it."""
-    a, b, c = (float(v) for v in line)
-    point = np.array([-a * c, -b * c])
-    step = np.array([-b, a])
-    low, high = -np.inf, np.inf
-    for k, size in enumerate((width, height)):
-        if abs(step[k]) < 1e-12:
-            if not -0.5 <= point[k] <= size - 0.5:
-                return None
-            continue
-        bounds = sorted(((-0.5 - point[k]) / step[k], (size - 0.5 - point[k]) / step[k]))
-        low, high = max(low, bounds[0]), min(high, bounds[1])
-    if not low < high:
-        return None
-    return np.concatenate((point + low * step, point + high * step))
+    ends = np.empty(4)
+    return ends if _clip(line, width, height, ends) else None

@@ -155,7 +155,7 @@ def replay(
             if past.finished:
                 return _nothing_left(output)
         if make_pipeline is None:
-            warm_up(source.settings)
+            warm_up()
         run = _Run(source, bag, output, make_pipeline or Pipeline, past)
         with _writing(output):
             if past is None:

@@ -82,10 +82,13 @@ class SelfCheck:
         if tracked.status.reset_counter != self._resets:
             self._before, self._resets = None, tracked.status.reset_counter
         due = self._frames <= _FIRST or not self._frames % _THEN
-        if due:
+        surface = None
+        if due or (self._ways < _FIRST and tracked.pose is not None):
+            surface = triangulate(frame.matches, frame.rig)
+        if due and surface is not None:
             self._look_at_rows(frame)
-            self._look_at_thickness(frame, tracked)
-        self._look_at_way(frame, tracked.pose, due=due)
+            self._look_at_thickness(frame, surface, tracked)
+        self._look_at_way(frame, surface, tracked.pose)
         return tuple(self._findings(frame, with_pose=tracked.pose is not None))
 
     # Looking.
@@ -94,8 +97,9 @@ class SelfCheck:
         apart = np.median(frame.matches[:, 3] - frame.matches[:, 1])
         self._rows.add(float(apart) / working_factor(frame.rig.left.width))
 
-    def _look_at_thickness(self, frame: VectorizedStereo, tracked: TrackedFrame) -> None:
-        surface = triangulate(frame.matches, frame.rig)
+    def _look_at_thickness(
+        self, frame: VectorizedStereo, surface: SurfacePoints, tracked: TrackedFrame
+    ) -> None:
         found = self._measured(frame, surface, tracked)
         if found is None or not found.sigma < _LEAST_SURE * found.radius:
             return
@@ -125,7 +129,9 @@ class SelfCheck:
         vertical = self._mounting.rotation.T @ up
         return measure_thickness(surface, frame.rig.left, start, radius, vertical)
 
-    def _look_at_way(self, frame: VectorizedStereo, pose: Pose | None, *, due: bool) -> None:
+    def _look_at_way(
+        self, frame: VectorizedStereo, surface: SurfacePoints | None, pose: Pose | None
+    ) -> None:
         if pose is None:
             self._before = None
             return
@@ -140,8 +146,7 @@ class SelfCheck:
                 self._ways += 1
                 self._compare(before, frame, change)
             self._before = None
-        if due or self._ways < _FIRST:
-            surface = triangulate(frame.matches, frame.rig)
+        if surface is not None:
             self._before = sight(surface, frame.left_thumbnail, pose)
 
     def _compare(self, before: Sight, frame: VectorizedStereo, change: Pose) -> None:

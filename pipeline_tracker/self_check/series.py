@@ -33,6 +33,7 @@ class Series:
         self._least = least
         self._spread = spread
         self._values: deque[Array] = deque(maxlen=_KEPT)
+        self._off: bool | None = None
 
     def __len__(self) -> int:
         """How many are kept."""
@@ -40,6 +41,7 @@ class Series:
 
     def add(self, value: float | Array) -> None:
         """Take in a measurement."""
+        self._off = None
         self._values.append(np.atleast_1d(np.asarray(value, np.float64)))
 
     @property
@@ -54,8 +56,12 @@ class Series:
 
     def surely_off(self) -> bool:
         """Tell whether the median is off by more than the slack, and not by chance."""
-        if not self.enough:
-            return False
+        # Asked with each frame, and most frames add nothing.
+        if self._off is None:
+            self._off = self.enough and self._is_off()
+        return self._off
+
+    def _is_off(self) -> bool:
         median = self.median
         deviation = np.median(np.abs(np.array(self._values) - median), axis=0)
         off = float(np.linalg.norm(median - self._right))

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import BEND_SIGMA, Axis, across
-from pipeline_tracker.evidence import distances_from_axis, on_face, point_sigmas, without_sag
+from pipeline_tracker.evidence import distances_from_axis
+from pipeline_tracker.face import on_face, point_sigmas, without_sag
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.surface import SurfacePoints
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.cylinder import (
+    boundary_in_view,
     clip_line_to_view,
     contour_lines,
     nearest_point,
@@ -225,3 +226,33 @@ def test_a_line_to_its_vanishing_point_has_an_infinite_end() -> None:
     clipped = clip_line_to_view(np.array([0.1, 0.0, 2.0]), np.array([0.0, 0.0, 1.0]), LEFT)
     assert clipped is not None
     assert clipped[1] == math.inf
+
+
+@pytest.mark.parametrize("camera", [LEFT, RIGHT], ids=["left", "right"])
+@given(cylinder=cylinders())
+def test_a_boundary_in_view_is_the_generatrix_clipped_and_projected(
+    camera: Camera, cylinder: tuple[Array, Array, float]
+) -> None:
+    point, direction, radius = cylinder
+    edges = visible_generatrices(point, direction, radius, camera.centre)
+    assume(edges is not None)
+    assert edges is not None
+    for side, edge in zip((-1.0, 1.0), edges, strict=True):
+        line = np.empty(4)
+        seen = boundary_in_view(point, direction, radius, side, camera.numbers, -1.5, 2.0, line)
+        start = edge + direction * float((point - edge) @ direction)
+        view = clip_line_to_view(start, direction, camera)
+        low, high = (0.0, 0.0) if view is None else (max(view[0], -1.5), min(view[1], 2.0))
+        assert seen == (low < high)
+        if seen:
+            ends = camera.project(np.stack((start + low * direction, start + high * direction)))
+            assert np.allclose(line, ends.reshape(4), atol=1e-6)
+
+
+def test_a_camera_inside_the_pipe_sees_no_boundary() -> None:
+    line = np.empty(4)
+    along = np.array([0.0, 1.0, 0.0])
+    for side in (-1.0, 1.0):
+        assert not boundary_in_view(
+            np.array([0.1, 0.0, 0.1]), along, 0.3, side, LEFT.numbers, -9.0, 9.0, line
+        )

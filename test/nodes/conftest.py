@@ -100,9 +100,8 @@ def scene() -> Scene:
 def compiled() -> None:
     """All kernels compiled, as the nodes do before they are ready."""
     from pipeline_tracker.pipeline import warm_up
-    from pipeline_tracker.settings_io import load_settings
 
-    warm_up(load_settings(None, list(Scene.settings)))
+    warm_up()
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,7 @@ def test_a_signal_ends_all_with_code_0_and_no_words(
 def test_a_signal_while_starting_ends_it_as_well(bench: Any) -> None:
     code = (
         "import pipeline_tracker.pipeline as p, time\n"
-        "def warm_up(settings):\n"
+        "def warm_up():\n"
         "    print('warming', flush=True)\n"
         "    time.sleep(600)\n"
         "p.warm_up = warm_up\n"

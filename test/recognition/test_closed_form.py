@@ -16,6 +16,7 @@ from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.recognition import closed_form
 from pipeline_tracker.recognition.closed_form import (
     _direction_of_contour,
+    _fit_line,
     contour_line,
     solve_by_technique,
 )
@@ -205,3 +206,33 @@ def test_the_axis_goes_the_way_of_the_known_one() -> None:
         assert solved[0].direction @ back.direction > 0.99
         # Its origin is in the middle of the view.
         assert abs(solved[0].point[:2] @ solved[0].direction[:2]) < 1e-6
+
+
+def plain_line(pixels: Array, weights: Array, widths: tuple[float, ...]) -> Array:
+    """Principal direction, again and again with less weight for what is off."""
+    robust = np.ones(len(pixels))
+    for width in widths:
+        own = weights * robust
+        centre = (pixels * own[:, None]).sum(axis=0) / own.sum()
+        away = pixels - centre
+        _, vectors = np.linalg.eigh((away * own[:, None]).T @ away)
+        normal = vectors[:, 0]
+        robust = np.square(1.0 / (1.0 + np.square(away @ normal / width)))
+    return np.array([normal[0], normal[1], -float(normal @ centre)])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, math.pi / 2, 2.5])
+def test_the_line_of_a_contour_agrees_with_a_plain_fit(turn: float) -> None:
+    random = np.random.default_rng(5)
+    along, across = np.array([math.cos(turn), math.sin(turn)]), [-math.sin(turn), math.cos(turn)]
+    off = np.where(random.random(80) < 0.3, 4.0, 0.0) + random.normal(0.0, 0.3, 80)
+    pixels = 500.0 + random.uniform(-300.0, 300.0, (80, 1)) * along + off[:, None] * across
+    weights = random.uniform(0.1, 1.0, 80)
+    line = np.empty(3)
+    _fit_line(pixels, weights, 2.0, line)
+    expected = plain_line(pixels, weights, tuple(2.0 * w for w in closed_form._LINE_WIDTHS))
+    assert abs(line[:2] @ expected[:2]) == pytest.approx(1.0, abs=1e-9)
+    ends = np.stack((500.0 - 300.0 * along, 500.0 + 300.0 * along))
+    assert np.abs(ends @ line[:2] + line[2]) == pytest.approx(
+        np.abs(ends @ expected[:2] + expected[2]), abs=1e-6
+    )

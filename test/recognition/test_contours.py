@@ -147,3 +147,43 @@ def test_a_pair_round_a_shadow_is_dropped() -> None:
     lines = [HoughLine(FIRST, 100.0), HoughLine(SECOND, 100.0)]
     assert len(pair_hypotheses(lines, LEFT, 0.3, strip(120))) == 1
     assert pair_hypotheses(lines, LEFT, 0.3, strip(40)) == []
+
+
+def plain_shadow(first: Array, second: Array, thumbnail: Image) -> bool:
+    """Whether the strip between two lines is a shadow, written out with whole arrays."""
+    ys, xs = np.mgrid[0 : thumbnail.shape[0], 0 : thumbnail.shape[1]]
+    x, y = 8.0 * xs + 3.5, 8.0 * ys + 3.5
+    a = first[0] * x + first[1] * y + first[2]
+    b = second[0] * x + second[1] * y + second[2]
+    if float(first[:2] @ second[:2]) < 0:
+        b = -b
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    inside = (low < 0) & (high > 0)
+    width = np.median((high - low)[inside]) if inside.any() else 0.0
+    before = (high <= 0) & (high > -0.5 * width)
+    after = (low >= 0) & (low < 0.5 * width)
+    if inside.sum() < 12 or before.sum() < 12 or after.sum() < 12:
+        return False
+    strip = thumbnail[inside].astype(np.float64)
+    beside = min(float(thumbnail[before].mean()), float(thumbnail[after].mean()))
+    return bool(strip.mean() < 0.75 * beside and strip.std() < 0.08 * max(strip.mean(), 1.0))
+
+
+def test_a_shadow_is_told_as_with_whole_arrays() -> None:
+    random = np.random.default_rng(5)
+    told = []
+    for _ in range(200):
+        theta, gap = random.uniform(0.0, np.pi), random.uniform(40.0, 300.0)
+        normal = np.array([np.cos(theta), np.sin(theta)])
+        c = -float(normal @ random.uniform([200.0, 150.0], [1000.0, 650.0]))
+        first = np.array([*normal, c])
+        second = random.choice([-1.0, 1.0]) * np.array([*normal, c - gap])
+        ys, xs = np.mgrid[0:100, 0:150]
+        a = normal[0] * (8.0 * xs + 3.5) + normal[1] * (8.0 * ys + 3.5) + c
+        dark = (a > 0.0) & (a < gap)
+        level = random.uniform(40.0, 110.0)
+        noise = random.normal(0.0, random.uniform(0.0, 8.0), a.shape)
+        thumbnail = np.clip(np.where(dark, level, 120.0) + noise, 0, 255).astype(np.uint8)
+        told.append(is_shadow(first, second, thumbnail, 8.0))
+        assert told[-1] == plain_shadow(first, second, thumbnail)
+    assert 20 < sum(told) < 180

@@ -138,7 +138,7 @@ def test_the_order_and_sense_of_segments_do_not_matter(random: Random) -> None:
     other[::2] = other[::2][:, [2, 3, 0, 1]]
     for a, b in zip(find(segments)[:2], find(other)[:2], strict=True):
         assert abs(abs(a.line[:2] @ b.line[:2]) - 1.0) < 1e-9
-        assert a.weight == pytest.approx(b.weight, rel=1e-9)
+        assert a.weight == pytest.approx(b.weight, rel=1e-5)
 
 
 def test_votes_agree_with_a_slow_reference() -> None:
@@ -149,10 +149,10 @@ def test_votes_agree_with_a_slow_reference() -> None:
     normals = random.uniform(0.0, math.pi, 25)
     normals[:6] = [0.0, 0.01, math.pi - 0.01, 0.1, math.pi - 0.1, math.pi / 2]
     lengths = random.uniform(10.0, 40.0, 25)
-    table = np.zeros((40, 2 * half + 1))
+    table = np.zeros((40, 2 * half + 1), np.float32)
     _vote(middles, normals, lengths, step, rho_step, spread, distance, table)
 
-    expected = np.zeros_like(table)
+    expected = np.zeros(table.shape)
     for (x, y), normal, length in zip(middles, normals, lengths, strict=True):
         for row in range(40):
             for column in range(2 * half + 1):
@@ -165,15 +165,17 @@ def test_votes_agree_with_a_slow_reference() -> None:
                     if abs(cells) <= int(spread / step) and off <= distance:
                         w = length * math.cos(theta - normal) * (1.0 - off / distance)
                         expected[row, column] += w
-    assert np.allclose(table, expected, atol=1e-9)
+    assert np.allclose(table, expected, atol=1e-4)
     assert expected.max() > 0.0
 
 
 def test_peaks_are_cleared_round_the_wrap_too() -> None:
-    table = np.zeros((40, 61))
+    table = np.zeros((40, 61), np.float32)
     table[0, 30 + 12] = 10.0
     table[39, 30 - 12] = 9.0  # the same line but for one cell of angle
     table[39, 30 + 12] = 8.0  # another line: rho has the other sign there
     cells = np.empty((5, 2), np.int64)
-    count = _peaks(table.copy(), 5, 1.0, 3, 5, cells)
+    weights = np.empty(5)
+    count = _peaks(table, 1.0, 3, 5, cells, weights)
     assert cells[:count].tolist() == [[0, 42], [39, 42]]
+    assert weights[:count].tolist() == [10.0, 8.0]
