@@ -102,6 +102,9 @@ class Pipeline:
         self._estimator.reset()
 
 
+# Told before the first warm-up after an install: it takes long, and nothing else is to be seen.
+COMPILING = "compiling kernels, once after an install or an update: it takes a minute or two"
+
 # What has been warmed up in this process, by the one setting that decides which kernels are run.
 _warm: set[bool] = set()
 

@@ -49,6 +49,15 @@ def test_a_verbose_replay_tells_settings_and_times(capsys: pytest.CaptureFixture
     assert "\ntook " in err
 
 
+@pytest.mark.parametrize("kept", [True, False])
+def test_the_minutes_of_the_first_start_are_explained(
+    kept: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("pipeline_tracker.replay.runner.kernels_are_kept", lambda: kept)
+    out, _ = told(capsys, "replay", "dive", *DIAMETER)
+    assert out.startswith("dive: 4 frames" if kept else "compiling kernels, once after an install")
+
+
 def test_both_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     _, err = told(capsys, "info", "dive", "-q", "-v", code=2)
     assert err == "pipeline-tracker: --quiet and --verbose: expected one of them\n"
