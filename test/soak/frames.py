@@ -10,6 +10,7 @@ calls the pipeline instead. Exit 1 where a frame is lost, memory grows, or threa
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 import time
@@ -170,6 +171,8 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=100_000)
     parser.add_argument("--in-process", action="store_true")
     given = parser.parse_args()
+    # The nodes must not outlive this process.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     recording = read_recording(None).resized(SIZE)
 
     def make(process: psutil.Process) -> Watch:
