@@ -58,6 +58,12 @@ def _keep_kernels() -> None:
 _keep_kernels()
 
 
+def kernels_are_kept() -> bool:
+    """Return whether kernels of this source have been compiled before, as far as can be told."""
+    place = str(numba.config.CACHE_DIR)  # type: ignore[attr-defined]  # made at run time
+    return not place or any(Path(place).rglob("*.nbi"))
+
+
 def compiled(function: Function) -> Function:
     """Compile a numeric kernel to machine code and keep it in Numba's file cache.
 

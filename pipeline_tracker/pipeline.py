@@ -105,6 +105,10 @@ class Pipeline:
         self._estimator.reset()
 
 
+# Told before the first warm-up after an install: it takes long, and nothing else is to be seen.
+COMPILING = "compiling kernels, once after an install or an update: it takes a minute or two"
+
+
 @functools.cache
 def warm_up() -> None:
     """Compile or load every compiled kernel, so that the first frame is no slower than others.

@@ -85,3 +85,19 @@ def test_without_a_place_to_keep_them_kernels_are_compiled_all_the_same(tmp_path
     blocked.touch()
     value, _ = answer(tmp_path, NUMBA_CACHE_DIR=str(blocked / "cache"))
     assert value == 3.0
+
+
+def test_it_is_known_whether_kernels_are_kept(tmp_path: Path) -> None:
+    def kept() -> str:
+        code = "from kernels.jit import kernels_are_kept; print(kernels_are_kept())"
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-c", code]
+        return subprocess.check_output(command, cwd=tmp_path, env=environment, text=True).strip()
+
+    package(tmp_path, 2.0)
+    assert kept() == "False"
+    answer(tmp_path)
+    assert kept() == "True"
+    # Another source has kernels of its own.
+    package(tmp_path, 3.0)
+    assert kept() == "False"

@@ -25,7 +25,7 @@ SIMULATOR = (
     "validation",
 )
 # What replays and measures has no part of these.
-_NOT_MEASURING = ("benchmark", "cli.py", "nodes", "simulation")
+_NOT_MEASURING = ("benchmark", "cli", "nodes", "simulation")
 
 
 @cache

@@ -32,10 +32,13 @@ def findings(*, talk: bool = True) -> Iterator[Finding]:
         yield from examined(ros.conversation, "conversation")
 
 
-def doctor_command(*, as_json: bool = False, talk: bool = True) -> bool:
+def doctor_command(
+    console: Console | None = None, *, as_json: bool = False, talk: bool = True
+) -> bool:
     """Look at this machine and print what was found.
 
     Args:
+        console: where lines for people are printed; standard output by default.
         as_json: print a JSON list of findings instead of lines for people.
         talk: see ``findings``.
 
@@ -44,7 +47,7 @@ def doctor_command(*, as_json: bool = False, talk: bool = True) -> bool:
     """
     seen = []
     # Colours on a terminal alone, and not where NO_COLOR is set: rich sees to both.
-    console = Console(highlight=False, soft_wrap=True)
+    console = console or Console(highlight=False, soft_wrap=True)
     for finding in findings(talk=talk):
         seen.append(finding)
         if not as_json:

@@ -32,7 +32,15 @@ _IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _ABSOLUTE = ("/tf", "/tf_static", "/rosout")
 
 
-def play(reader: BagReader, rate: float, *, loop: bool, args: Sequence[str], stop: Stop) -> int:
+def play(
+    reader: BagReader,
+    rate: float,
+    *,
+    loop: bool,
+    args: Sequence[str],
+    stop: Stop,
+    quiet: bool = False,
+) -> int:
     """Publish an open bag; return the exit code.
 
     Args:
@@ -41,13 +49,14 @@ def play(reader: BagReader, rate: float, *, loop: bool, args: Sequence[str], sto
         loop: begin again at the end.
         args: command line with ``--ros-args``.
         stop: ends the play early.
+        quiet: say nothing but errors.
 
     Raises:
         BagError: the bag is damaged.
     """
     rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        return _Player(reader, rate, stop).play(loop=loop)
+        return _Player(reader, rate, stop, quiet=quiet).play(loop=loop)
     finally:
         rclpy.utilities.try_shutdown()
 
@@ -55,10 +64,11 @@ def play(reader: BagReader, rate: float, *, loop: bool, args: Sequence[str], sto
 class _Player:
     """A node that publishes the messages of a bag as the bytes that they are."""
 
-    def __init__(self, reader: BagReader, rate: float, stop: Stop) -> None:
+    def __init__(self, reader: BagReader, rate: float, stop: Stop, *, quiet: bool) -> None:
         self._reader = reader
         self._rate = rate
         self._stop = stop
+        self._quiet = quiet
         self._node = rclpy.create_node("bag_player")
         self._sent: Counter[str] = Counter()
         self._publishers: dict[str, Any] = {}
@@ -77,11 +87,15 @@ class _Player:
                 code = 0
         total = sum(self._sent.values())
         times = f" in {laps} laps" if loop else ""
-        say(f"played {self._reader.path}: {total} messages{times}")
+        self._say(f"played {self._reader.path}: {total} messages{times}")
         for topic, count in sorted(self._sent.items()):
-            say(f"  {count:7d}  {topic}")
+            self._say(f"  {count:7d}  {topic}")
         self._node.destroy_node()
         return code or 0
+
+    def _say(self, text: str, *, error: bool = False) -> None:
+        if not self._quiet:
+            say(text, error=error)
 
     def _open_topics(self) -> None:
         left_out: dict[str, list[str]] = {}
@@ -100,7 +114,7 @@ class _Player:
             self._publishers[topic.name] = self._node.create_publisher(kind, name, profile.qos())
         if left_out:
             words = "; ".join(f"{', '.join(names)} ({kind})" for kind, names in left_out.items())
-            say(
+            self._say(
                 f"warning: left out, the Python package of the type is not installed: {words}",
                 error=True,
             )
@@ -126,7 +140,8 @@ class _Player:
                 return code
         lonely = [p.topic_name for p in images if p.get_subscription_count() == 0]
         if lonely:
-            say(f"warning: nobody listens to {', '.join(lonely)}; playing all the same", error=True)
+            names = ", ".join(lonely)
+            self._say(f"warning: nobody listens to {names}; playing all the same", error=True)
         return None
 
     def _play_once(self) -> int | None:

@@ -13,6 +13,7 @@ from pipeline_tracker.diagnostics.inputs import Need
 from pipeline_tracker.diagnostics.levels import Level
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.geometry.pose import Pose
+from pipeline_tracker.jit import kernels_are_kept
 from pipeline_tracker.messages import pose_from_message
 from pipeline_tracker.nodes import qos
 from pipeline_tracker.nodes.live_clock import LiveClock
@@ -26,7 +27,7 @@ from pipeline_tracker.nodes.parameters import (
 )
 from pipeline_tracker.nodes.talking import TalkingNode
 from pipeline_tracker.nodes.timeline import StampJudge, Timeline
-from pipeline_tracker.pipeline import warm_up
+from pipeline_tracker.pipeline import COMPILING, warm_up
 from pipeline_tracker.settings import Settings
 
 _NO_MOUNTING = "waiting for the camera's mounting on /tf_static"
@@ -86,6 +87,8 @@ class PipelineNode(TalkingNode):
         self.scope.add(setattr, self._gate, "settled", False)
         self.live_clock = LiveClock(self._now_ns)
         self.check()
+        if not kernels_are_kept():
+            self.get_logger().info(COMPILING)
         warm_up()
         self.open_outputs()
 

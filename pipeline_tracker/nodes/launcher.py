@@ -18,6 +18,8 @@ import yaml
 
 from pipeline_tracker.nodes.process import (
     CHILD_VARIABLE,
+    DEBUG_VARIABLE,
+    Log,
     Stop,
     prepare_transport,
     require_ros,
@@ -54,6 +56,8 @@ def run(
     separate: bool,
     ros_args: Sequence[str] = (),
     recording: Recording | None = None,
+    log: Log = Log.USUAL,
+    tell: Callable[[Settings], None] | None = None,
 ) -> int:
     """Run the four live nodes until SIGINT or SIGTERM.
 
@@ -63,6 +67,8 @@ def run(
         separate: one process for each node, instead of one for all.
         ros_args: what follows ``--ros-args``: remappings, namespace, QoS override parameters.
         recording: what to record; None: nothing.
+        log: how much the nodes write to their log.
+        tell: called with the settings in force, before the nodes start.
 
     Returns:
         Exit code: 0 after a signal, 2 where a node cannot be configured, 1 after another error, or
@@ -76,11 +82,17 @@ def run(
     stop.on_signals(0)
     require_ros("run")
     settings = load_settings(config, overrides)
+    if tell is not None:
+        tell(settings)
     prepare_transport(local=True)
     # Only here: rclpy need not be there to say that it is missing.
     import_module("pipeline_tracker.nodes.mounting").mounting_of_settings(settings)
     values = node_parameters(settings, config)
-    args = ["--ros-args", *ros_args] if ros_args else []
+    if log is Log.DEBUG:
+        os.environ[DEBUG_VARIABLE] = "1"
+    # What the user says of it comes later, and wins.
+    given = [*(["--log-level", "error"] if log is Log.ERRORS else []), *ros_args]
+    args = ["--ros-args", *given] if given else []
     end = None if recording is None else _begin_to_record(recording, settings, args)
     if separate:
         code = _run_separately(values, args, stop)

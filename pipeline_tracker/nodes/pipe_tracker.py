@@ -177,6 +177,9 @@ class PipeTracker(MountedNode):
         state = status.state.name.lower()
         level = Level.OK if status.state is State.TRACKING else Level.WARN
         why = status.reason or "nothing amiss"
+        spent = f"vectorized in {1e3 * self._vectorization:.1f} ms, tracked in "
+        spent += f"{1e3 * status.processing_time:.1f} ms"
+        self.debug(f"{status.stamp_ns} ns: {state} ({why}), {spent}")
         self.health.note("tracking", state, level, f"{state} ({why})")
         self.health.note("reason", status.reason)
         self.health.note("reset counter", str(status.reset_counter))

@@ -13,7 +13,14 @@ from pipeline_tracker.nodes.process import Stop, prepare_transport, require_ros
 INTERRUPTED = 130
 
 
-def play(bag: Path, rate: float = 1.0, loop: bool = False, ros_args: Sequence[str] = ()) -> int:
+def play(
+    bag: Path,
+    rate: float = 1.0,
+    loop: bool = False,
+    ros_args: Sequence[str] = (),
+    *,
+    quiet: bool = False,
+) -> int:
     """Publish a bag on the live topics, at the pace at which it was recorded.
 
     Args:
@@ -21,6 +28,7 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, ros_args: Sequence[st
         rate: how many times as fast.
         loop: begin again at the end; time then jumps back.
         ros_args: what follows ``--ros-args``: remappings and namespace.
+        quiet: say nothing but errors.
 
     Returns:
         Exit code: 0 at the end of the bag, 130 after a signal.
@@ -38,5 +46,6 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, ros_args: Sequence[st
         prepare_transport(local=True)
         # Only here: rclpy need not be there to say that it is missing.
         bag_player = import_module("pipeline_tracker.nodes.bag_player")
-        args = ["--ros-args", *ros_args] if ros_args else []
-        return int(bag_player.play(reader, rate, loop=loop, args=args, stop=stop))
+        given = [*(["--log-level", "error"] if quiet else []), *ros_args]
+        args = ["--ros-args", *given] if given else []
+        return int(bag_player.play(reader, rate, loop=loop, args=args, stop=stop, quiet=quiet))

@@ -7,6 +7,7 @@ import queue
 import signal
 import sys
 import threading
+from enum import Enum
 from importlib import import_module
 
 from pipeline_tracker.errors import PipelineTrackerError
@@ -14,6 +15,16 @@ from pipeline_tracker.resources import config_path
 
 # A node whose standard input is a pipe from `run` ends with it.
 CHILD_VARIABLE = "PIPELINE_TRACKER_CHILD"
+# Where it is set, our nodes log what becomes of each frame; DDS and rclpy do not.
+DEBUG_VARIABLE = "PIPELINE_TRACKER_DEBUG"
+
+
+class Log(Enum):
+    """How much the nodes write to their log."""
+
+    ERRORS = "errors"
+    USUAL = "usual"
+    DEBUG = "debug"
 
 
 class RosMissingError(PipelineTrackerError):

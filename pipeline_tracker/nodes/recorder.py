@@ -20,6 +20,7 @@ import rclpy
 import rclpy.utilities
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
@@ -171,6 +172,8 @@ class Recorder:
         self._warned = -_WARN_EVERY
         self._received = 0
         self.node = rclpy.create_node("recorder")
+        # Of the topics that the nodes publish from their start on.
+        self._results: list[Subscription] = []
         for topic in topics:
             self._listen(topic)
 
@@ -178,8 +181,12 @@ class Recorder:
         """Record until told to stop; return the exit code."""
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
+        hears_nodes = False
         while stop.wait(0.0) is None and self._file.failure is None:
             executor.spin_once(timeout_sec=0.1)
+            if not hears_nodes and all(s.get_publisher_count() for s in self._results):
+                hears_nodes = True
+                self.node.get_logger().info("hears all nodes")
         deadline, received = time.monotonic() + _LINGER, -1
         while time.monotonic() < deadline or self._received != received:
             received = self._received
@@ -201,6 +208,8 @@ class Recorder:
             _PROFILES[topic.profile].qos(),
             raw=True,
         )
+        if topic.name.startswith("pipeline/"):
+            self._results.append(subscription)
 
     def _warn(self, name: str) -> None:
         if time.monotonic() - self._warned < _WARN_EVERY or self._file.failure is not None:

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import rclpy
 import rclpy.utilities
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -18,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from pipeline_tracker.errors import PipelineTrackerError
 from pipeline_tracker.nodes.base import PipelineNode
 from pipeline_tracker.nodes.lifecycle import in_words
-from pipeline_tracker.nodes.process import CHILD_VARIABLE, Stop
+from pipeline_tracker.nodes.process import CHILD_VARIABLE, DEBUG_VARIABLE, Stop
 
 # After a signal everything ends within 2 s; this much of it is for our own threads.
 END_WITHIN = 0.8
@@ -109,6 +110,8 @@ class _Session:
     def _bring_up(self) -> None:
         for kind in self._kinds:
             self._nodes.append(kind(self._parameters))
+            if DEBUG_VARIABLE in os.environ:
+                self._nodes[-1].get_logger().set_level(LoggingSeverity.DEBUG)
         # All are configured before one is active: whoever waits for subscribers waits for all.
         started = [node for node in self._nodes if node.autostart]
         for node in started:

@@ -110,6 +110,7 @@ class TalkingNode(ManagedNode):
             self.drops[reason] += 1
             count = self.drops[reason]
         words = f"{reason}: {details}" if details else reason
+        self.debug(words)
         self.warn(f"{reason} {field}", f"{words} ({count} so far)")
 
     def refused(self, what: str, error: Exception, items: int = 0) -> None:
@@ -130,6 +131,11 @@ class TalkingNode(ManagedNode):
         """Count what has been answered, and how long it took since its stamp, ns."""
         self.health.ledger.processed(items)
         self.health.latency.add((self._now_ns() - stamp) / SECOND_NS)
+        self.debug(f"{stamp} ns: answered")
+
+    def debug(self, words: str) -> None:
+        """Log what becomes of a single item, where that is asked for."""
+        self.get_logger().debug(words)
 
     def listen(
         self,

@@ -23,7 +23,7 @@ _COMMENT = (
 )
 _LARGEST = 100_000
 # These have no part in a replay's numbers.
-_NO_PART = ("bench", "benchmark", "cli.py", "evaluation", "nodes", "report", "simulation")
+_NO_PART = ("bench", "benchmark", "cli", "evaluation", "nodes", "report", "simulation")
 # Of a bag's files so many pieces are looked at, evenly spread.
 _PIECES, _PIECE = 256, 65536
 _STORAGES = {".mcap", ".db3", ".bag"}

@@ -25,7 +25,8 @@ from pipeline_tracker.geometry.camera import StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
-from pipeline_tracker.pipeline import FrameResult, Pipeline, warm_up
+from pipeline_tracker.jit import kernels_are_kept
+from pipeline_tracker.pipeline import COMPILING, FrameResult, Pipeline, warm_up
 from pipeline_tracker.replay.estimates import EstimatesFile, estimate_row, lost_row
 from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
 from pipeline_tracker.replay.progress import ReplayProgress
@@ -154,14 +155,18 @@ def replay(
             past.check_settings(source.settings)
             if past.finished:
                 return _nothing_left(output)
+        stream = stream or sys.stdout
         if make_pipeline is None:
+            if not kernels_are_kept():
+                stream.write(f"{COMPILING}\n")
+                stream.flush()
             warm_up()
         run = _Run(source, bag, output, make_pipeline or Pipeline, past)
         with _writing(output):
             if past is None:
                 _prepare(output, bag, source.settings)
         try:
-            run.go(stream or sys.stdout)
+            run.go(stream)
         except BagError as error:
             # A disk that is full has no room for it either; the first error is the one to tell.
             with suppress(PipelineTrackerError):

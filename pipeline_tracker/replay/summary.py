@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS
 from pipeline_tracker.replay.input import InputCounts
 from pipeline_tracker.report.reasons import count, in_words
@@ -192,6 +194,15 @@ class ReplaySummary:
             if step in self._times
         ]
         return ["time (medians): " + ", ".join(parts)] if parts else []
+
+    def times_in_words(self) -> str:
+        """Return what the steps took: median, 95th percentile and the most of the last frames."""
+        lines = [
+            f"{step}: median {median(spent):.1f} ms, 95 % {np.percentile(list(spent), 95):.1f} ms, "
+            f"at most {max(spent):.1f} ms ({len(spent)})"
+            for step, spent in self._times.items()
+        ]
+        return "\n".join(lines) or "no frame was computed"
 
     def _about_stretches(self) -> list[str]:
         lines = []

@@ -135,6 +135,13 @@ def test_without_listeners_it_warns_and_plays_all_the_same(bench: Any, bag: Path
     assert f"{5 * FRAMES} messages" in process.out.read_text()
 
 
+def test_a_quiet_player_says_nothing(bench: Any, bag: Path) -> None:
+    code = "import pipeline_tracker.nodes.bag_player as player; player.MATCH_WITHIN = 0.3\n"
+    process = bench.process(code + command("play", str(bag), "--rate", "50", "-q"))
+    assert process.popen.wait(60.0) == 0
+    assert process.text == ""
+
+
 @pytest.mark.parametrize("waiting", [True, False], ids=["waiting", "playing"])
 def test_a_signal_ends_it_with_130(bench: Any, bag: Path, waiting: bool) -> None:
     talker = bench.talker() if waiting else listener(bench)

@@ -28,6 +28,7 @@ pytestmark = pytest.mark.ros
 def recording(bench: Any, directory: Path, *arguments: str) -> Any:
     process = bench.process(run_process(bench.scene, "--record", str(directory), *arguments))
     process.wait_for(is_ready, "all nodes are ready")
+    process.wait_for(lambda text: "[recorder]: hears all nodes" in text, "all is recorded")
     return process
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from live_processes import NODES, children_of, is_ready, module_of, run_command
 
 from pipeline_tracker.cli import run_command as command_line
+from pipeline_tracker.messages import stamp_ns
 
 pytestmark = pytest.mark.ros
 
@@ -42,6 +44,32 @@ def test_a_signal_ends_all_with_code_0_and_no_words(
     assert not any(map(is_alive, children))
     assert "Traceback" not in process.text
     assert "rror" not in process.text
+
+
+def test_verbose_nodes_log_what_becomes_of_each_frame(bench: Any) -> None:
+    process = bench.process(run_command(bench.scene, "--separate", "-v"))
+    process.wait_for(is_ready, "all nodes are ready")
+    state = bench.vehicle().approach(0)
+    assert state.valid
+    stamp = stamp_ns(state.header)
+    for name in ("stereo_vectorizer", "pipe_tracker", "relative_state_publisher"):
+        answered = re.compile(rf"\[DEBUG\] .*\[{name}\]: {stamp} ns: answered")
+        process.wait_for(answered.search, f"{name} tells of the frame")
+    told = re.search(
+        rf"\[pipe_tracker\]: {stamp} ns: tracking .*, vectorized in .* ms, tracked in", process.text
+    )
+    assert told is not None
+    assert "# settings in force" in process.text
+    # DDS and rclpy are none of the user's business.
+    assert not re.search(r"\[DEBUG\] .*\[(rcl|rmw)", process.text)
+    assert process.end()[0] == 0
+
+
+def test_quiet_nodes_say_nothing_while_all_is_well(bench: Any) -> None:
+    process = bench.process(run_command(bench.scene, "-q"))
+    assert bench.vehicle().approach(0).valid
+    assert process.end()[0] == 0
+    assert process.text == ""
 
 
 def test_a_signal_while_starting_ends_it_as_well(bench: Any) -> None:

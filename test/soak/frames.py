@@ -10,16 +10,19 @@ calls the pipeline instead. Exit 1 where a frame is lost, memory grows, or threa
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from pipeline_tracker.bench.candidates import process_stop
 from pipeline_tracker.bench.live import _READY_WITHIN, Load, _live_settings, _running
@@ -35,33 +38,50 @@ IN_FLIGHT = 2
 LOOKS, BLOCKS = 2000, 20
 # What 100,000 frames may cost at most, MB.
 GROWTH = 10.0
+# Left out at the beginning of what is told.
+SHARES = 0.5, 0.1
+Array = NDArray[np.float64]
 
 
-@dataclass
+# What is looked at: the process's own memory, what it shares with others (the segments of DDS, of
+# a fixed size, and the libraries), threads, open files.
+OWN, SHARED, THREADS, FILES = range(4)
+
+
 class Watch:
     """Memory, threads and files of a process, now and then."""
 
-    process: psutil.Process
-    every: int
-    numbers: list[int] = field(default_factory=list)
-    used: list[float] = field(default_factory=list)
-    things: list[tuple[int, int]] = field(default_factory=list)
+    def __init__(self, process: psutil.Process, frames: int) -> None:
+        self._process = process
+        self._every = max(1, frames // LOOKS)
+        # All of it at once, and touched: in the process that is watched, this must not grow.
+        self._seen = np.full((1 + frames // self._every, 5), np.nan)
+        self._count = 0
 
     def look(self, number: int) -> None:
-        if number % self.every:
+        if number % self._every:
             return
-        self.numbers.append(number)
-        self.used.append(self.process.memory_info().rss / MEGABYTE)
-        self.things.append((self.process.num_threads(), self.process.num_fds()))
+        memory = self._process.memory_info()
+        own, shared = (memory.rss - memory.shared) / MEGABYTE, memory.shared / MEGABYTE
+        things = self._process.num_threads(), self._process.num_fds()
+        self._seen[self._count] = own, shared, *things, number
+        self._count += 1
 
-    def slope(self, left_out: float) -> tuple[float, float]:
+    def values(self, what: int) -> Array:
+        return self._seen[: self._count, what]
+
+    def settled(self, what: int) -> Array:
+        return self.values(what)[self._count // 10 :]
+
+    def slope(self, what: int, left_out: float) -> tuple[float, float]:
         """Return growth and its standard error, MB for 1,000 frames, a share left out at first.
 
         From the means of blocks: what neighbours have in common is not counted twice.
         """
-        first = int(left_out * len(self.numbers))
-        x = np.array([b.mean() for b in np.array_split(self.numbers[first:], BLOCKS)]) / 1000.0
-        y = np.array([b.mean() for b in np.array_split(self.used[first:], BLOCKS)])
+        first = int(left_out * self._count)
+        numbers, values = self.values(-1)[first:], self.values(what)[first:]
+        x = np.array([b.mean() for b in np.array_split(numbers, BLOCKS)]) / 1000.0
+        y = np.array([b.mean() for b in np.array_split(values, BLOCKS)])
         (growth, _), covariance = np.polyfit(x, y, 1, cov=True)
         return float(growth), float(np.sqrt(covariance[0, 0]))
 
@@ -151,31 +171,40 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=100_000)
     parser.add_argument("--in-process", action="store_true")
     given = parser.parse_args()
+    # The nodes must not outlive this process.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     recording = read_recording(None).resized(SIZE)
 
     def make(process: psutil.Process) -> Watch:
-        return Watch(process, max(1, given.frames // LOOKS))
+        return Watch(process, given.frames)
 
     if given.in_process:
         watch = make(psutil.Process())
         done = in_process(recording, given.frames, watch)
     else:
         done, watch = run_nodes(recording, given.frames, make)
-    growth, error = watch.slope(0.5)
-    early, early_error = watch.slope(0.1)
-    settled = watch.things[len(watch.things) // 10 :]
-    threads, files = (sorted({one[k] for one in settled}) for k in (0, 1))
+    growth, error = watch.slope(OWN, 0.5)
+    threads, files = watch.settled(THREADS), watch.settled(FILES)
     sys.stdout.write(
         f"{done.frames} frames of {SIZE[0]} x {SIZE[1]} in {done.seconds:.0f} s, "
         f"{done.frames / done.seconds:.1f} a second; {done.lost} lost, {done.valid} valid\n"
-        f"memory {watch.used[0]:.1f} MB at first, {watch.used[-1]:.1f} MB at last; growth "
-        f"{growth:.4f} +- {error:.4f} MB for 1,000 frames in the last half, "
-        f"{early:.4f} +- {early_error:.4f} in the last nine tenths (standard errors)\n"
-        f"threads {threads}, open files {files}\n"
+        f"{in_words(watch, OWN, 'own memory')}\n{in_words(watch, SHARED, 'shared memory')}\n"
+        f"threads {np.unique(threads).astype(int)}, open files {np.unique(files).astype(int)}\n"
     )
     grows = growth - 2.0 * error > GROWTH / 100.0
-    steady = settled[-1] == settled[0]
+    steady = threads[-1] == threads[0] and files[-1] == files[0]
     return int(done.lost > 0 or grows or not steady)
+
+
+def in_words(watch: Watch, what: int, name: str) -> str:
+    used = watch.values(what)
+    late, early = (
+        f"{growth:.4f} +- {error:.4f}" for growth, error in map(partial(watch.slope, what), SHARES)
+    )
+    return (
+        f"{name} {used[0]:.1f} MB at first, {used[-1]:.1f} MB at last; growth for 1,000 frames "
+        f"{late} MB in the last half, {early} MB in the last nine tenths (standard errors)"
+    )
 
 
 if __name__ == "__main__":

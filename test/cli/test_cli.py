@@ -19,7 +19,7 @@ from stand_in import StandIn
 from pipeline_tracker import __version__
 from pipeline_tracker.cli import run_command
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DIAMETER = ["--set", "pipe.diameter=0.6"]
 
 
