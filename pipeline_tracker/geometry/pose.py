@@ -42,14 +42,14 @@ class Pose:
             raise ValueError(f"position {position.tolist()} is not finite")
         if not 0.99 < norm < 1.01:
             raise ValueError(f"quaternion {q.tolist()} has norm {norm:.4g}, expected 1")
-        return cls(Rotation.from_quat(q / norm).as_matrix(), position)
+        return cls(_matrix(Rotation.from_quat(q / norm)), position)
 
     @classmethod
     def from_rpy(cls, translation: ArrayLike, rpy: ArrayLike) -> Pose:
         """Build a pose from roll, pitch, yaw in radians: R = Rz(yaw) Ry(pitch) Rx(roll)."""
         angles = np.asarray(rpy, dtype=np.float64).reshape(3)
         return cls(
-            Rotation.from_euler("xyz", angles).as_matrix(),
+            _matrix(Rotation.from_euler("xyz", angles)),
             np.asarray(translation, dtype=np.float64).reshape(3),
         )
 
@@ -92,5 +92,10 @@ def interpolate(before: Pose, after: Pose, fraction: float) -> Pose:
         fraction: 0 to 1.
     """
     rotations = Rotation.from_matrix(np.stack((before.rotation, after.rotation)))
-    rotation = Slerp([0.0, 1.0], rotations)([fraction]).as_matrix()[0]
+    rotation = _matrix(Slerp([0.0, 1.0], rotations)([fraction])[0])
     return Pose(rotation, before.translation + fraction * (after.translation - before.translation))
+
+
+def _matrix(rotation: Rotation) -> Array:
+    # A copy: SciPy's own array holds on to 1.2 kB of views, and buffers keep thousands of poses.
+    return np.array(rotation.as_matrix())

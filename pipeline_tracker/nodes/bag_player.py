@@ -141,7 +141,10 @@ class _Player:
         lonely = [p.topic_name for p in images if p.get_subscription_count() == 0]
         if lonely:
             names = ", ".join(lonely)
-            self._say(f"warning: nobody listens to {names}; playing all the same", error=True)
+            hint = ""
+            if all(name.endswith("/compressed") for name in lonely):
+                hint = " (`run` does with --set image_transport=compressed)"
+            self._say(f"warning: nobody listens to {names}{hint}; playing all the same", error=True)
         return None
 
     def _play_once(self) -> int | None:

@@ -93,7 +93,11 @@ def run(
     # What the user says of it comes later, and wins.
     given = [*(["--log-level", "error"] if log is Log.ERRORS else []), *ros_args]
     args = ["--ros-args", *given] if given else []
-    end = None if recording is None else _begin_to_record(recording, settings, args)
+    end = (
+        None
+        if recording is None
+        else _begin_to_record(recording, settings, args, quiet=log is Log.ERRORS)
+    )
     if separate:
         code = _run_separately(values, args, stop)
         late = 0 if end is None else end()
@@ -102,14 +106,15 @@ def run(
 
 
 def _begin_to_record(
-    recording: Recording, settings: Settings, args: list[str]
+    recording: Recording, settings: Settings, args: list[str], *, quiet: bool
 ) -> Callable[[], int]:
     """Start the recording process; return what ends it and gives its exit code."""
     # Only here: it brings what a run without a recording does not need.
     recorder = import_module("pipeline_tracker.nodes.recorder_process")
     recorder.check_directory(recording.directory)
     topics = recorder.recorded_topics(settings, images=recording.images)
-    end: Callable[[], int] = recorder.RecorderProcess(recording.directory, topics, args).end
+    process = recorder.RecorderProcess(recording.directory, topics, args, quiet=quiet)
+    end: Callable[[], int] = process.end
     return end
 
 

@@ -82,7 +82,12 @@ class RecorderProcess:
     """A process of its own that records; it ends with this one, however this one ends."""
 
     def __init__(
-        self, directory: Path, topics: Sequence[RecordedTopic], ros_args: Sequence[str]
+        self,
+        directory: Path,
+        topics: Sequence[RecordedTopic],
+        ros_args: Sequence[str],
+        *,
+        quiet: bool = False,
     ) -> None:
         """Start it.
 
@@ -90,6 +95,7 @@ class RecorderProcess:
             directory: of the bag; created.
             topics: what to record.
             ros_args: with ``--ros-args``: remappings, namespace.
+            quiet: it says nothing but errors.
         """
         plan = json.dumps([asdict(topic) for topic in topics])
         module = "pipeline_tracker.nodes.recorder"
@@ -97,6 +103,7 @@ class RecorderProcess:
         self._process = subprocess.Popen(  # noqa: S603 - our own module
             [sys.executable, "-m", module, str(directory), plan, *ros_args],
             stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL if quiet else None,
             env={**os.environ, CHILD_VARIABLE: "1"},
             start_new_session=True,
         )

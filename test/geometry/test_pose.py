@@ -102,3 +102,12 @@ def test_interpolation_meets_both_ends(before: Pose, after: Pose) -> None:
         pose = interpolate(before, after, fraction)
         np.testing.assert_allclose(pose.rotation, end.rotation, atol=1e-6)
         np.testing.assert_allclose(pose.translation, end.translation, atol=1e-9)
+
+
+def test_a_pose_holds_its_numbers_alone() -> None:
+    """Buffers keep thousands of poses."""
+    turned = Pose.from_rpy([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+    there = Pose.from_quaternion([1.0, 2.0, 3.0], turned.quaternion())
+    for pose in (turned, there, interpolate(turned, there, 0.5)):
+        assert pose.rotation.base is None
+        assert pose.rotation.nbytes == 72

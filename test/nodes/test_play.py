@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import signal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from live_processes import is_ready
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pipeline_tracker import messages
@@ -15,6 +18,7 @@ from pipeline_tracker.bags.typestore import BagMessages
 
 pytestmark = pytest.mark.ros
 
+ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 5
 SECOND = 1_000_000_000
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
@@ -140,6 +144,30 @@ def test_a_quiet_player_says_nothing(bench: Any, bag: Path) -> None:
     process = bench.process(code + command("play", str(bag), "--rate", "50", "-q"))
     assert process.popen.wait(60.0) == 0
     assert process.text == ""
+
+
+def test_the_live_commands_of_the_docs_find_the_pipe(bench: Any) -> None:
+    """As they stand in the first ten minutes, but that the bag is played quicker."""
+    page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").split("## Live")[1]
+    run, play = (
+        shlex.split(line) for line in re.findall(r"^pipeline-tracker (.*)$", page, re.MULTILINE)
+    )
+    assert (run[0], play) == ("run", ["play", "bags/demo"])
+    nodes = bench.process(command(*run))
+    nodes.wait_for(is_ready, "all nodes are ready")
+    player = bench.process(command("play", str(ROOT / "bags" / "demo"), "--rate", "2"))
+    seen = re.compile(r"\[pipe_tracker\]: \d+ ns: tracking \(")
+    nodes.wait_for(lambda text: len(seen.findall(text)) >= 10, "ten frames are tracked")
+    assert player.popen.wait(60.0) == 0
+    assert "nobody listens" not in player.text
+
+
+def test_the_player_tells_how_its_compressed_images_are_heard(bench: Any) -> None:
+    code = "import pipeline_tracker.nodes.bag_player as player; player.MATCH_WITHIN = 0.3\n"
+    demo = str(ROOT / "bags" / "demo")
+    process = bench.process(code + command("play", demo, "--rate", "200"))
+    assert process.popen.wait(60.0) == 0
+    assert "(`run` does with --set image_transport=compressed); playing" in process.text
 
 
 @pytest.mark.parametrize("waiting", [True, False], ids=["waiting", "playing"])

@@ -66,10 +66,12 @@ def test_verbose_nodes_log_what_becomes_of_each_frame(bench: Any) -> None:
 
 
 def test_quiet_nodes_say_nothing_while_all_is_well(bench: Any) -> None:
-    process = bench.process(run_command(bench.scene, "-q"))
+    recording = bench.directory / "recording"
+    process = bench.process(run_command(bench.scene, "-q", "--record", str(recording)))
     assert bench.vehicle().approach(0).valid
     assert process.end()[0] == 0
     assert process.text == ""
+    assert recording.is_dir()
 
 
 def test_a_signal_while_starting_ends_it_as_well(bench: Any) -> None:
