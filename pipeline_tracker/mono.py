@@ -57,7 +57,9 @@ _DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
 # Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
 _ASIDE = 0.02
 _STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, 1), (-1, -1), (1, -1))
-_SPREAD_COST, _ABOUT_AS_GOOD = 0.06, 0.06
+_SPREAD_COST = 0.06
+# So much less clarity is e times less likely; fits nearer than that, m, are one.
+_UNCLEAR, _SAME = 0.05, 0.004
 _USED = 0.2
 _WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
 _GATES = (10.0, 6.0, 4.0)
@@ -219,23 +221,54 @@ def fit_mono(
         fitted = task.fit_from(Axis(point, axis.direction, axis.bend))
         if fitted is not None:
             found.append(fitted)
-    return _choose(found) if found else None
+    if not found:
+        return None
+    # From the frame before to the side, from the echoes in height.
+    def surprise(fit: AxisFit) -> float:
+        aside = _step(fit, task.prior.axis)[[0, 2]] / task.prior.sigmas[[0, 2]]
+        climb = _step(fit, axis)[1] / rise
+        return float(aside @ aside + climb * climb)
+
+    return _blend(found, [0.5 * surprise(fitted.fit) for fitted in found])
 
 
-def _choose(found: list[MonoFit]) -> MonoFit:
-    """Take the best of the fits, as sure as those that are about as good agree with it."""
+def _blend(found: list[MonoFit], surprises: list[float]) -> MonoFit:
+    """Take the mean of the fits, each as likely as it is clear and as it was to be expected.
+
+    Beside each contour run edges of shadow, foot and growth; several pairs of them are as wide as
+    the echoes say. They lie to both sides of the true one.
+    """
     best = max(found, key=lambda fitted: fitted.clarity)
+    steps = np.array([_step(best.fit, fitted.fit.axis) for fitted in found])
+    costs = np.array([(best.clarity - fitted.clarity) / _UNCLEAR for fitted in found]) + surprises
+    order = np.argsort(costs)
+    kept: list[int] = []
+    for k in order:
+        # Several starts lead to the same pair of edges.
+        if all(np.abs(steps[k] - steps[j])[:2].max() > _SAME for j in kept):
+            kept.append(int(k))
+    weights = np.exp(costs[kept[0]] - costs[kept])
+    weights /= weights.sum()
+    mean = weights @ steps[kept]
     covariance = best.fit.covariance.copy()
-    apart = np.zeros(4)
-    for other in found:
-        if other.clarity > best.clarity - _ABOUT_AS_GOOD:
-            off = other.fit.axis.point - best.fit.axis.point
-            off = off - best.fit.axis.direction * float(off @ best.fit.axis.direction)
-            turn = other.fit.axis.direction - best.fit.axis.direction
-            left, up = best.fit.left, best.fit.up
-            apart = np.maximum(apart, np.abs([off @ left, off @ up, turn @ left, turn @ up]))
-    covariance[:4, :4] += np.diag(np.square(apart))
-    return replace(best, fit=replace(best.fit, covariance=covariance))
+    covariance[:4, :4] = 0.0
+    for weight, k in zip(weights, kept, strict=True):
+        off = steps[k] - mean
+        covariance[:4, :4] += weight * (found[k].fit.covariance[:4, :4] + np.outer(off, off))
+    fit = best.fit
+    axis = Axis(
+        fit.axis.point + mean[0] * fit.left + mean[1] * fit.up,
+        fit.axis.direction + mean[2] * fit.left + mean[3] * fit.up,
+        fit.axis.bend,
+    ).moved(0.0)
+    return replace(best, fit=replace(fit, axis=axis, covariance=covariance))
+
+
+def _step(fit: AxisFit, axis: Axis) -> Array:
+    """Return left, up (m), heading and pitch (rad) of an axis beside a fitted one."""
+    there = axis.moved(float((fit.axis.point - axis.point) @ axis.direction))
+    off, turn = there.point - fit.axis.point, there.direction - fit.axis.direction
+    return np.array([off @ fit.left, off @ fit.up, turn @ fit.left, turn @ fit.up])
 
 
 @dataclass(frozen=True)
@@ -294,6 +327,7 @@ def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tup
     Returns:
         The axis, and how far from its contours, as a share of the radius, others could be it.
     """
+    axis = _below_echoes(axis, radius, vertical, echoes)
     doubt = _DOUBT
     for widths in _DEPTH_WIDTHS:
         points, sigmas = echo_hits(echoes, axis, radius)
@@ -309,6 +343,22 @@ def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tup
         sigma = float(np.sqrt(fit.covariance[1, 1])) / max(float(np.linalg.norm(axis.point)), 0.1)
         doubt = float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
     return axis, doubt
+
+
+def _below_echoes(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> Axis:
+    """Move an axis up or down until the middle one of the echoes came from its upper side.
+
+    A fit alone may end above the echoes: from there, too, they are a radius away.
+    """
+    points, _ = echo_hits(echoes, axis, radius)
+    if len(points) < LEAST_HITS:
+        return axis
+    left, up = across(axis.direction, vertical)
+    t = (points - axis.point) @ axis.direction
+    off = points - (axis.point + t[:, None] * axis.direction + 0.5 * (t * t)[:, None] * axis.bend)
+    top = np.sqrt(np.maximum(radius**2 - np.square(off @ left), 0.0))
+    climb = float(np.median(off @ up - top))
+    return Axis(axis.point + climb * up, axis.direction, axis.bend)
 
 
 def _evidence(
@@ -362,6 +412,7 @@ def mono_refusal(found: MonoFit, camera: Camera) -> str:
         return "one_contour_only" if max(shares.values()) >= LEAST_SHARE else "too_little_contour"
     if found.support.contour_share < _LEAST_MEAN_SHARE:
         return "too_little_contour"
-    wide = _MOST_SPREAD if found.hits >= LEAST_HITS else _MOST_SPREAD_ALONE
-    most = max(wide, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
+    if found.hits >= LEAST_HITS:
+        return ""
+    most = max(_MOST_SPREAD_ALONE, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
     return "contours_not_clear" if found.spread > most else ""
