@@ -61,6 +61,8 @@ _SPREAD_COST = 0.06
 # So much less clarity is e times less likely; fits nearer than that, m, are one.
 _UNCLEAR, _SAME = 0.05, 0.004
 _USED = 0.2
+# Edges are looked at so near to the contours, as a share of the radius.
+_NEAR = 0.7
 _WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
 _GATES = (10.0, 6.0, 4.0)
 
@@ -216,11 +218,13 @@ def fit_mono(
     left, up = across(axis.direction, vertical)
     rise = doubt / _DOUBT_SIGMAS * float(np.linalg.norm(axis.point))
     found = []
-    for aside, climb in _STARTS:
-        point = axis.point + aside * _ASIDE * left + climb * rise * up
-        fitted = task.fit_from(Axis(point, axis.direction, axis.bend))
-        if fitted is not None:
-            found.append(fitted)
+    for brighter in (1.0, -1.0):
+        alike = replace(task, frame=_alike(frame, axis, radius, brighter))
+        for aside, climb in _STARTS:
+            point = axis.point + aside * _ASIDE * left + climb * rise * up
+            fitted = alike.fit_from(Axis(point, axis.direction, axis.bend))
+            if fitted is not None:
+                found.append(fitted)
     if not found:
         return None
     # From the frame before to the side, from the echoes in height.
@@ -230,6 +234,30 @@ def fit_mono(
         return float(aside @ aside + climb * climb)
 
     return _blend(found, [0.5 * surprise(fitted.fit) for fitted in found])
+
+
+def _alike(
+    frame: VectorizedStereo, axis: Axis, radius: float, brighter: float
+) -> VectorizedStereo:
+    """Keep the edges near the contours whose outer side is the brighter (1) or the darker one (-1).
+
+    The left edge of the pipe's bright middle and the right edge of its shadow are as far apart as
+    its contours, but one has its brighter side within, the other without.
+    """
+    camera = frame.rig.left
+    segments = frame.left_segments.astype(np.float64)
+    ways = segments[:, 2:] - segments[:, :2]
+    middles = 0.5 * (segments[:, 2:] + segments[:, :2])
+    # The brighter side is to the right of the way from 1 to 2.
+    beside = middles + np.stack((-ways[:, 1], ways[:, 0]), axis=1) / np.maximum(
+        np.linalg.norm(ways, axis=1), 1e-9
+    )[:, None]
+    here, there = (
+        np.abs(rays_to_axis(unit_rays(places, camera), camera, axis)[:, 0])
+        for places in (middles, beside)
+    )
+    kept = ((there - here) * brighter > 0.0) & (np.abs(here - radius) < _NEAR * radius)
+    return replace(frame, left_segments=frame.left_segments[kept])
 
 
 def _blend(found: list[MonoFit], surprises: list[float]) -> MonoFit:
