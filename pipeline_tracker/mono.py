@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fit_axis
 from pipeline_tracker.echoes import Echoes
 from pipeline_tracker.evidence import (
-    EDGE_OUTSIDE,
     REFERENCE_WIDTH,
     SPAN,
     contour_rays,
@@ -44,6 +43,9 @@ _ECHO_WEIGHT = 0.5
 _DOUBT, _LEAST_DOUBT = 0.2, 0.03
 # Where the echoes tell the distance, only edges within so many of its standard deviations.
 _DOUBT_SIGMAS = 2.5
+# The strongest gradient lies outside of the contour: px at 1200 px width, of one image by rendered
+# seas at 2 m.
+_EDGE_OUTSIDE = 1.2
 # Standard deviation of a lone clean edge, px at 1200 px width, and the share of the spread of all
 # edges near it that is added.
 _CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
@@ -67,8 +69,9 @@ _WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
 _GATES = (10.0, 6.0, 4.0)
 
 # Share of each contour's visible length that must be borne by segments.
-LEAST_SHARE = 0.22
-_LEAST_MEAN_SHARE = 0.3
+LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
+# The same where echoes met the pipe.
+_LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
 # Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
 # no less than so many px of a small image.
 _MOST_SPREAD, _MOST_SPREAD_PX = 1.25, 0.8
@@ -209,6 +212,9 @@ def fit_mono(
         The fit, its origin in the middle of the view; None where it went astray.
     """
     axis = start.moved(middle_of_view(start, frame.rig.left))
+    if prior is None and len(echo_hits(echoes, axis, radius)[0]) >= LEAST_HITS:
+        # How steep it is, the echoes tell better than one image.
+        axis = _levelled(axis, vertical)
     axis, doubt = _at_depth(axis, radius, vertical, echoes)
     axis = axis.moved(middle_of_view(axis, frame.rig.left))
     # What was gathered from a wrong depth is no prior for the right one.
@@ -373,6 +379,13 @@ def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tup
     return axis, doubt
 
 
+def _levelled(axis: Axis, vertical: Array) -> Axis:
+    level = axis.direction - vertical * float(axis.direction @ vertical)
+    if float(np.linalg.norm(level)) < 0.5:
+        return axis
+    return Axis.straight(axis.point, level)
+
+
 def _below_echoes(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> Axis:
     """Move an axis up or down until the middle one of the echoes came from its upper side.
 
@@ -408,7 +421,7 @@ def _evidence(
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
         sigmas[own] = max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread) * scale, 0.5) / camera.fx
-    rays = _inward(rays, sides, axis, EDGE_OUTSIDE * scale / camera.fx)
+    rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
         points=points,
@@ -436,11 +449,14 @@ def mono_refusal(found: MonoFit, camera: Camera) -> str:
     shares = {contour.bit: contour.share for contour in found.support.contours}
     if set(shares) != {Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT}:
         return "one_contour_only"
-    if min(shares.values()) < LEAST_SHARE:
+    heard = found.hits >= LEAST_HITS
+    least = _LEAST_SHARE_HEARD if heard else LEAST_SHARE
+    if min(shares.values()) < least:
         return "one_contour_only" if max(shares.values()) >= LEAST_SHARE else "too_little_contour"
-    if found.support.contour_share < _LEAST_MEAN_SHARE:
+    mean = _LEAST_MEAN_SHARE_HEARD if heard else _LEAST_MEAN_SHARE
+    if found.support.contour_share < mean:
         return "too_little_contour"
-    if found.hits >= LEAST_HITS:
+    if heard:
         return ""
     most = max(_MOST_SPREAD_ALONE, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
     return "contours_not_clear" if found.spread > most else ""
