@@ -215,14 +215,14 @@ def fit_mono(
     if prior is None and len(echo_hits(echoes, axis, radius)[0]) >= LEAST_HITS:
         # How steep it is, the echoes tell better than one image.
         axis = _levelled(axis, vertical)
-    axis, doubt = _at_depth(axis, radius, vertical, echoes)
+    axis, doubt, heard = _at_depth(axis, radius, vertical, echoes)
     axis = axis.moved(middle_of_view(axis, frame.rig.left))
     # What was gathered from a wrong depth is no prior for the right one.
     task = _Task(frame, radius, vertical, echoes, _without_depth(prior, axis), doubt)
     if doubt >= _DOUBT:
         return task.fit_from(axis)
     left, up = across(axis.direction, vertical)
-    rise = doubt / _DOUBT_SIGMAS * float(np.linalg.norm(axis.point))
+    rise = float(np.sqrt(heard[0, 0]))
     found = []
     for brighter in (1.0, -1.0):
         alike = replace(task, frame=_alike(frame, axis, radius, brighter))
@@ -236,10 +236,10 @@ def fit_mono(
     # From the frame before to the side, from the echoes in height.
     def surprise(fit: AxisFit) -> float:
         aside = _step(fit, task.prior.axis)[[0, 2]] / task.prior.sigmas[[0, 2]]
-        climb = _step(fit, axis)[1] / rise
-        return float(aside @ aside + climb * climb)
+        climb = _step(fit, axis)[[1, 3]]
+        return 0.5 * float(aside @ aside + climb @ np.linalg.solve(heard, climb))
 
-    return _blend(found, [0.5 * surprise(fitted.fit) for fitted in found])
+    return _blend(found, [surprise(fitted.fit) for fitted in found])
 
 
 def _alike(
@@ -352,21 +352,24 @@ def _without_depth(prior: Prior | None, axis: Axis) -> Prior:
     return Prior(prior.axis, sigmas)
 
 
-def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tuple[Axis, float]:
+def _at_depth(
+    axis: Axis, radius: float, vertical: Array, echoes: Echoes
+) -> tuple[Axis, float, Array]:
     """Move an axis to where the echoes say that the pipe is, in its own vertical plane.
 
     The edges near a contour all look like one; only from about the right distance is the right one
     the nearest.
 
     Returns:
-        The axis, and how far from its contours, as a share of the radius, others could be it.
+        The axis; how far from its contours, as a share of the radius, others could be it; and the
+        2 x 2 covariance of its height and pitch.
     """
     axis = _below_echoes(axis, radius, vertical, echoes)
-    doubt = _DOUBT
+    doubt, covariance = _DOUBT, np.diag(np.square(_LOOSE[[1, 3]]))
     for widths in _DEPTH_WIDTHS:
         points, sigmas = echo_hits(echoes, axis, radius)
         if len(points) < LEAST_HITS:
-            return axis, _DOUBT
+            return axis, _DOUBT, covariance
         none = np.zeros(0)
         evidence = Evidence(
             points, sigmas, np.zeros((0, 3)), np.zeros((0, 3)), none, none, none, _ECHO_WEIGHT
@@ -374,9 +377,10 @@ def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tup
         straight = Axis.straight(axis.point, axis.direction)
         fit = fit_axis(straight, radius, evidence, vertical, Prior(straight, _ALONG_ECHOES), widths)
         axis = fit.axis
-        sigma = float(np.sqrt(fit.covariance[1, 1])) / max(float(np.linalg.norm(axis.point)), 0.1)
+        covariance = fit.covariance[np.ix_([1, 3], [1, 3])]
+        sigma = float(np.sqrt(covariance[0, 0])) / max(float(np.linalg.norm(axis.point)), 0.1)
         doubt = float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
-    return axis, doubt
+    return axis, doubt, covariance
 
 
 def _levelled(axis: Axis, vertical: Array) -> Axis:
