@@ -424,7 +424,7 @@ def _evidence(
         own = sides == side
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
-        sigmas[own] = max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread) * scale, 0.5) / camera.fx
+        sigmas[own] = max(np.hypot(0.5, 0.35 * spread**2) * scale, 0.5) / camera.fx
     rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
