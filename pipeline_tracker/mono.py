@@ -36,6 +36,8 @@ _HIT_SHARE = 0.7
 # Roughness of what the beam meets, m; and what the pipe may wander off the fitted curve, for each
 # metre along it from the middle of the view.
 _SURFACE, _WANDER = 0.005, 0.006
+# A place of the axis tells of echoes so near to it, m along it.
+_PASSED_NEAR = 0.8
 # Echoes so far behind the middle of the view, m, say nothing of the pipe there.
 _BEHIND, _AHEAD = 6.0, 2.0
 _ECHO_WEIGHT = 0.5
@@ -117,6 +119,7 @@ def echo_hits(echoes: Echoes, axis: Axis, radius: float) -> tuple[Array, Array]:
     """
     if not len(echoes):
         return np.zeros((0, 3)), np.zeros(0)
+    echoes = _straightened(echoes, axis)
     normals, distances = distances_from_axis(echoes.origins, axis)
     towards = -normals
     cosine = np.clip(np.einsum("ij,ij->i", echoes.directions, towards), -1.0, 1.0)
@@ -138,6 +141,27 @@ def echo_hits(echoes: Echoes, axis: Axis, radius: float) -> tuple[Array, Array]:
     points = echoes.origins + echoes.distances[:, None] * ways
     sigmas = np.sqrt(echoes.sigmas**2 + _SURFACE**2 + (_WANDER * along) ** 2)
     return points[met], sigmas[met]
+
+
+def _straightened(echoes: Echoes, axis: Axis) -> Echoes:
+    """Move echoes to the side by as much as the pipe there was beside the axis as it goes on.
+
+    Off the middle of its round a beam meets the pipe lower: a bend that is not known would look
+    like a slope.
+    """
+    if not len(echoes.passed):
+        return echoes
+    left = np.cross(-echoes.directions.mean(axis=0), axis.direction)
+    left /= max(float(np.linalg.norm(left)), 1e-9)
+    along = (echoes.passed - axis.point) @ axis.direction
+    order = np.argsort(along)
+    along, passed = along[order], echoes.passed[order]
+    bends = 0.5 * np.square(along)[:, None] * axis.bend
+    aside = (passed - axis.point - along[:, None] * axis.direction - bends) @ left
+    t = (echoes.origins - axis.point) @ axis.direction
+    nearest = np.abs(t[:, None] - along).min(axis=1)
+    shift = np.where(nearest < _PASSED_NEAR, np.interp(t, along, aside), 0.0)
+    return replace(echoes, origins=echoes.origins - shift[:, None] * left)
 
 
 def _tangents(echoes: Echoes, axis: Axis) -> Array:

@@ -19,6 +19,9 @@ from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]
 
+# Places of an axis that are remembered, m from the middle of the view.
+_PLACES = (-0.5, 0.0, 0.5)
+
 
 class MonoFollower:
     """Fits and judges the frames of one camera; keeps the echoes that help it."""
@@ -31,6 +34,7 @@ class MonoFollower:
             mounting: base_link <- left optical frame.
         """
         self._radius = settings.radius
+        self._mounting = mounting
         self._to_optical = mounting.inverse()
         self._trail = EchoTrail(settings.altimeter.max_age)
 
@@ -72,4 +76,7 @@ class MonoFollower:
         distance = float(np.linalg.norm(found.fit.axis.point))
         if not reason and too_uncertain(covariance, distance):
             reason = "too_uncertain"
+        if not reason and pose is not None:
+            places = np.stack([found.fit.axis.at(t) for t in _PLACES])
+            self._trail.see(pose.apply(self._mounting.apply(places)))
         return found, covariance, reason
