@@ -55,13 +55,13 @@ _CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
 LEAST_HITS = 3
 # A frame without a past, and the echoes alone: left, up, heading, pitch, bend left, bend up. What
 # lies on the bed bends little upward.
-_LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.012])
-_ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.012])
+_LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.01])
+_ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.01])
 _DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
 # Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
 _ASIDE = 0.02
 _STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, 1), (-1, -1), (1, -1))
-_SPREAD_COST = 0.06
+_SPREAD_COST = 0.12
 # So much less clarity is e times less likely; fits nearer than that, m, are one.
 _UNCLEAR, _SAME = 0.05, 0.004
 _USED = 0.2
@@ -448,7 +448,7 @@ def _evidence(
         own = sides == side
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
-        sigmas[own] = max(np.hypot(0.5, 0.35 * spread**2) * scale, 0.5) / camera.fx
+        sigmas[own] = max(np.hypot(0.4, 0.28 * spread**2) * scale, 0.5) / camera.fx
     rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
