@@ -59,8 +59,10 @@ _LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.01])
 _ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.01])
 _DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
 # Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
-_ASIDE = 0.02
-_STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, 1), (-1, -1), (1, -1))
+_ASIDE = 0.03
+_STARTS = tuple((aside, 0) for aside in (0, -1, 1, -2, 2)) + tuple(
+    (aside, climb) for aside in (0, -1, 1) for climb in (-1, 1)
+)
 _SPREAD_COST = 0.12
 # So much less clarity is e times less likely; fits nearer than that, m, are one.
 _UNCLEAR, _SAME = 0.05, 0.004
