@@ -65,7 +65,7 @@ _STARTS = tuple((aside, 0) for aside in (0, -1, 1, -2, 2)) + tuple(
 )
 _SPREAD_COST = 0.12
 # So much less clarity is e times less likely; fits nearer than that, m, are one.
-_UNCLEAR, _SAME = 0.05, 0.004
+_UNCLEAR, _SAME = 0.035, 0.004
 _USED = 0.2
 # Edges are looked at so near to the contours, as a share of the radius.
 _NEAR = 0.7
