@@ -4,7 +4,8 @@ One image shows where the pipe is to the side, and only by the width of its stri
 width is a poor witness: the foot of the pipe, the edge of its shadow and growth run along the
 contour and are taken for it. How well it is known is measured in the picture itself: from how
 widely edges that run along the pipe are spread about the contour. The echo sounder, where its beam
-meets the pipe, tells the distance without such doubt.
+meets the pipe, tells the distance without such doubt, and with the radius how wide the strip is.
+Pairs of edges of that width, with their brighter sides alike, are put together.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ _DOUBT_SIGMAS = 2.5
 # The strongest gradient lies outside of the contour: px at 1200 px width, of one image by rendered
 # seas at 2 m.
 _EDGE_OUTSIDE = 1.2
-# Standard deviation of a lone clean edge, px at 1200 px width, and the share of the spread of all
-# edges near it that is added.
-_CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
+# Standard deviation of a lone clean edge, px at 1200 px width, and what is added for each square px
+# of the spread of all edges near it: most of what is spread widely is no contour.
+_CLEAN_EDGE, _SPREAD_SHARE = 0.5, 0.55
 # Echoes that make the distance known.
 LEAST_HITS = 3
 # A frame without a past, and the echoes alone: left, up, heading, pitch, bend left, bend up. What
@@ -63,6 +64,7 @@ _ASIDE = 0.03
 _STARTS = tuple((aside, 0) for aside in (0, -1, 1, -2, 2)) + tuple(
     (aside, climb) for aside in (0, -1, 1) for climb in (-1, 1)
 )
+# Clarity that a px of spread takes, at 1200 px width.
 _SPREAD_COST = 0.12
 # So much less clarity is e times less likely; fits nearer than that, m, are one.
 _UNCLEAR, _SAME = 0.035, 0.004
@@ -76,11 +78,9 @@ _GATES = (10.0, 6.0, 4.0)
 LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
 # The same where echoes met the pipe.
 _LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.18
-# Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
-# no less than so many px of a small image.
-_MOST_SPREAD, _MOST_SPREAD_PX = 1.25, 0.8
-# Where the width alone tells the distance, edges further off are looked at, clutter among them.
-_MOST_SPREAD_ALONE = 3.0
+# Where the width alone tells the distance, edges spread more widely about a contour leave open which
+# of them it is: px at 1200 px width, but no less than so many px of a small image.
+_MOST_SPREAD, _MOST_SPREAD_PX = 3.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class MonoFit:
     """An axis fitted to one image.
 
     Attributes:
-        fit: the fit.
-        support: of its contours.
+        fit: the fit, or the mean of several.
+        support: of the contours of the likeliest.
         hits: number of echoes that met the pipe.
         spread: see ``edge_spread``, of the worse contour.
     """
@@ -185,9 +185,10 @@ def edge_spread(
         doubt: how far from the contour, as a share of the radius, edges are counted.
 
     Returns:
-        Root of the mean square of their distances, weighted by length, px at 1200 px width; 0
-        where there are none. Where ``doubt`` is wide, 1.25 times the mean distance, the same for a
-        bell-shaped spread: a lone piece of clutter far off would rule a square.
+        Root of the mean square of their distances from where the contour's own edge is, weighted
+        by length, px at 1200 px width; 0 where there are none. Where ``doubt`` is wide, 1.25 times
+        the mean distance, the same for a bell-shaped spread: a lone piece of clutter far off would
+        rule a square.
     """
     camera = frame.rig.left
     segments = frame.left_segments.astype(np.float64)
@@ -197,7 +198,7 @@ def edge_spread(
     scale = camera.fx / np.maximum(measured[:, 1], 0.05) * REFERENCE_WIDTH / camera.width
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * REFERENCE_WIDTH / camera.width
     aside = measured[:, 0].reshape(-1, 2)
-    off = (np.abs(aside) - radius) * scale.reshape(-1, 2)
+    off = (np.abs(aside) - radius) * scale.reshape(-1, 2) - _EDGE_OUTSIDE
     seen = (measured[:, 1].reshape(-1, 2) > 0).all(axis=1)
     seen &= (np.abs(measured[:, 2]).reshape(-1, 2) < SPAN).all(axis=1)
     near = (np.abs(np.abs(aside) - radius) < doubt * radius).all(axis=1)
@@ -249,6 +250,13 @@ def fit_mono(
         return task.fit_from(axis)
     left, up = across(axis.direction, vertical)
     rise = float(np.sqrt(heard[0, 0]))
+
+    # From the frame before to the side, from the echoes in height.
+    def surprise(fit: AxisFit) -> float:
+        aside = _step(fit, task.prior.axis)[[0, 2]] / task.prior.sigmas[[0, 2]]
+        climb = _step(fit, axis)[[1, 3]]
+        return 0.5 * float(aside @ aside + climb @ np.linalg.solve(heard, climb))
+
     found = []
     for brighter in (1.0, -1.0):
         alike = replace(task, frame=_alike(frame, axis, radius, brighter))
@@ -259,18 +267,10 @@ def fit_mono(
                 found.append(fitted)
     if not found:
         return None
-    # From the frame before to the side, from the echoes in height.
-    def surprise(fit: AxisFit) -> float:
-        aside = _step(fit, task.prior.axis)[[0, 2]] / task.prior.sigmas[[0, 2]]
-        climb = _step(fit, axis)[[1, 3]]
-        return 0.5 * float(aside @ aside + climb @ np.linalg.solve(heard, climb))
-
     return _blend(found, [surprise(fitted.fit) for fitted in found])
 
 
-def _alike(
-    frame: VectorizedStereo, axis: Axis, radius: float, brighter: float
-) -> VectorizedStereo:
+def _alike(frame: VectorizedStereo, axis: Axis, radius: float, brighter: float) -> VectorizedStereo:
     """Keep the edges near the contours whose outer side is the brighter (1) or the darker one (-1).
 
     The left edge of the pipe's bright middle and the right edge of its shadow are as far apart as
@@ -281,9 +281,11 @@ def _alike(
     ways = segments[:, 2:] - segments[:, :2]
     middles = 0.5 * (segments[:, 2:] + segments[:, :2])
     # The brighter side is to the right of the way from 1 to 2.
-    beside = middles + np.stack((-ways[:, 1], ways[:, 0]), axis=1) / np.maximum(
-        np.linalg.norm(ways, axis=1), 1e-9
-    )[:, None]
+    beside = (
+        middles
+        + np.stack((-ways[:, 1], ways[:, 0]), axis=1)
+        / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)[:, None]
+    )
     here, there = (
         np.abs(rays_to_axis(unit_rays(places, camera), camera, axis)[:, 0])
         for places in (middles, beside)
@@ -298,10 +300,10 @@ def _blend(found: list[MonoFit], surprises: list[float]) -> MonoFit:
     Beside each contour run edges of shadow, foot and growth; several pairs of them are as wide as
     the echoes say. They lie to both sides of the true one.
     """
-    best = max(found, key=lambda fitted: fitted.clarity)
-    steps = np.array([_step(best.fit, fitted.fit.axis) for fitted in found])
-    costs = np.array([(best.clarity - fitted.clarity) / _UNCLEAR for fitted in found]) + surprises
+    costs = np.array(surprises) - [fitted.clarity / _UNCLEAR for fitted in found]
     order = np.argsort(costs)
+    best = found[order[0]]
+    steps = np.array([_step(best.fit, fitted.fit.axis) for fitted in found])
     kept: list[int] = []
     for k in order:
         # Several starts lead to the same pair of edges.
@@ -450,7 +452,9 @@ def _evidence(
         own = sides == side
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
-        sigmas[own] = max(np.hypot(0.4, 0.28 * spread**2) * scale, 0.5) / camera.fx
+        sigmas[own] = (
+            max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread * spread) * scale, 0.5) / camera.fx
+        )
     rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
@@ -488,5 +492,5 @@ def mono_refusal(found: MonoFit, camera: Camera) -> str:
         return "too_little_contour"
     if heard:
         return ""
-    most = max(_MOST_SPREAD_ALONE, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
+    most = max(_MOST_SPREAD, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
     return "contours_not_clear" if found.spread > most else ""

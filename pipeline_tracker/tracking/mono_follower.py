@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import too_uncertain
 from pipeline_tracker.axis_fit import Axis, Prior
-from pipeline_tracker.echoes import PlacedEcho
+from pipeline_tracker.echoes import Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.mono import MonoFit, fit_mono, mono_refusal
 from pipeline_tracker.pipe_segment import published_covariance
@@ -46,6 +46,10 @@ class MonoFollower:
         """Forget all echoes."""
         self._trail.clear()
 
+    def around(self, stamp_ns: int, pose: Pose | None) -> Echoes:
+        """Return what is of use for a frame, see ``EchoTrail.around``."""
+        return self._trail.around(stamp_ns, pose)
+
     def fit(
         self,
         frame: VectorizedStereo,
@@ -67,7 +71,7 @@ class MonoFollower:
             The fit (None where it went astray), its covariance as published, 4 x 4, and why it is
             refused (empty where it is not).
         """
-        echoes = self._trail.around(frame.stamp_ns, pose).seen_from(self._to_optical)
+        echoes = self.around(frame.stamp_ns, pose).seen_from(self._to_optical)
         found = fit_mono(frame, start, self._radius, vertical, echoes, prior)
         if found is None:
             return None, np.zeros((4, 4)), "fit_went_astray"
