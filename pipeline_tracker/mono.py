@@ -78,8 +78,8 @@ _GATES = (10.0, 6.0, 4.0)
 LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
 # The same where echoes met the pipe.
 _LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.18
-# Where the width alone tells the distance, edges spread more widely about a contour leave open which
-# of them it is: px at 1200 px width, but no less than so many px of a small image.
+# Where the width alone tells the distance, edges spread more widely about a contour leave open
+# which of them it is: px at 1200 px width, but no less than so many px of a small image.
 _MOST_SPREAD, _MOST_SPREAD_PX = 3.0, 0.8
 
 
