@@ -51,7 +51,7 @@ _DOUBT_SIGMAS = 2.5
 _EDGE_OUTSIDE = 1.2
 # Standard deviation of a lone clean edge, px at 1200 px width, and what is added for each square px
 # of the spread of all edges near it: most of what is spread widely is no contour.
-_CLEAN_EDGE, _SPREAD_SHARE = 0.5, 0.55
+_CLEAN_EDGE, _SPREAD_SHARE = 0.4, 0.28
 # Echoes that make the distance known.
 LEAST_HITS = 3
 # A frame without a past, and the echoes alone: left, up, heading, pitch, bend left, bend up. What
@@ -185,10 +185,9 @@ def edge_spread(
         doubt: how far from the contour, as a share of the radius, edges are counted.
 
     Returns:
-        Root of the mean square of their distances from where the contour's own edge is, weighted
-        by length, px at 1200 px width; 0 where there are none. Where ``doubt`` is wide, 1.25 times
-        the mean distance, the same for a bell-shaped spread: a lone piece of clutter far off would
-        rule a square.
+        Root of the mean square of their distances, weighted by length, px at 1200 px width; 0
+        where there are none. Where ``doubt`` is wide, 1.25 times the mean distance, the same for a
+        bell-shaped spread: a lone piece of clutter far off would rule a square.
     """
     camera = frame.rig.left
     segments = frame.left_segments.astype(np.float64)
@@ -198,7 +197,7 @@ def edge_spread(
     scale = camera.fx / np.maximum(measured[:, 1], 0.05) * REFERENCE_WIDTH / camera.width
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * REFERENCE_WIDTH / camera.width
     aside = measured[:, 0].reshape(-1, 2)
-    off = (np.abs(aside) - radius) * scale.reshape(-1, 2) - _EDGE_OUTSIDE
+    off = (np.abs(aside) - radius) * scale.reshape(-1, 2)
     seen = (measured[:, 1].reshape(-1, 2) > 0).all(axis=1)
     seen &= (np.abs(measured[:, 2]).reshape(-1, 2) < SPAN).all(axis=1)
     near = (np.abs(np.abs(aside) - radius) < doubt * radius).all(axis=1)
@@ -323,7 +322,8 @@ def _blend(found: list[MonoFit], surprises: list[float]) -> MonoFit:
         fit.axis.direction + mean[2] * fit.left + mean[3] * fit.up,
         fit.axis.bend,
     ).moved(0.0)
-    return replace(best, fit=replace(fit, axis=axis, covariance=covariance))
+    mean_fit = replace(fit, axis=axis, covariance=covariance)
+    return MonoFit(mean_fit, best.support, best.hits, best.spread)
 
 
 def _step(fit: AxisFit, axis: Axis) -> Array:

@@ -156,15 +156,15 @@ def test_clean_contours_need_no_sounder() -> None:
     found = fit_mono(frame, start, 0.3, vertical, Echoes.none())
     assert found is not None
     assert found.hits == 0
-    assert max(edge_spread(frame, found.fit.axis, 0.3, 0.2)) < 1.0
+    # Made-up edges are right on the contour, those of pictures 1.2 px outside of it.
+    assert max(edge_spread(frame, found.fit.axis, 0.3, 0.2)) == pytest.approx(1.25 * 1.2, abs=0.05)
 
 
 def test_edges_beside_a_contour_are_spread() -> None:
     frame = two_edged(World.with_pipe(), 0.33, level_pose(), 0, DOWN)
     axis = Axis.straight(DOWN.inverse().apply(np.array([0.0, 0.0, -2.0])), np.array([0.0, -1.0, 0]))
     assert min(edge_spread(frame, axis, 0.3, 0.2)) > 5.0
-    # Made-up edges are right on the contour, rendered ones 1.2 px outside of it.
-    assert max(edge_spread(frame, axis, 0.3, 0.03)) == pytest.approx(1.2, abs=0.01)
+    assert max(edge_spread(frame, axis, 0.3, 0.03)) < 1.0
 
 
 # As AXIS, but travelled as DOWN's vehicle goes; the vertical.
