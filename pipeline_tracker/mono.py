@@ -77,10 +77,12 @@ _GATES = (10.0, 6.0, 4.0)
 # Share of each contour's visible length that must be borne by segments.
 LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
 # The same where echoes met the pipe.
-_LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.18
-# Where the width alone tells the distance, edges spread more widely about a contour leave open
-# which of them it is: px at 1200 px width, but no less than so many px of a small image.
-_MOST_SPREAD, _MOST_SPREAD_PX = 3.0, 0.8
+_LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
+# Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
+# no less than so many px of a small image. Where the width alone tells the distance, edges further
+# off are looked at, clutter among them.
+_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 1.75, 3.0
+_LEAST_SPREAD_PX_HEARD, _LEAST_SPREAD_PX_ALONE = 1.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -490,7 +492,7 @@ def mono_refusal(found: MonoFit, camera: Camera) -> str:
     mean = _LEAST_MEAN_SHARE_HEARD if heard else _LEAST_MEAN_SHARE
     if found.support.contour_share < mean:
         return "too_little_contour"
-    if heard:
-        return ""
-    most = max(_MOST_SPREAD, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
+    wide = _MOST_SPREAD_HEARD if heard else _MOST_SPREAD_ALONE
+    pixels = _LEAST_SPREAD_PX_HEARD if heard else _LEAST_SPREAD_PX_ALONE
+    most = max(wide, pixels * REFERENCE_WIDTH / camera.width)
     return "contours_not_clear" if found.spread > most else ""
