@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -262,27 +263,50 @@ def test_where_the_pipe_was_seen_tells_where_on_its_round_a_beam_went_down() -> 
     assert echo_hits(far, AHEAD_AXIS, 0.3)[0][0, 0] == 0.0
 
 
-def test_accepted_frames_are_remembered_along_the_way() -> None:
+def following() -> MonoFollower:
+    """A follower that has heard the pipe on the way behind."""
     settings = settings_of().model_copy(update={"mode": "mono"})
     follower = MonoFollower(settings, DOWN)
-    base = DOWN.inverse()
-    frame = seen(edges(0, 0.3, True), edges(1, 0.3, True))
-    shown = behind()
+    down = np.array([0.0, 0.0, -1.0])
     follower.hear(
         [
-            PlacedEcho(
-                Echo(k, DOWN.apply(origin), np.array([0.0, 0.0, -1.0]), 1.7, 0.03, 0.0),
-                level_pose(),
-            )
-            for k, origin in enumerate(shown.origins)
+            PlacedEcho(Echo(k, DOWN.apply(origin), down, 1.7, 0.03, 0.0), level_pose())
+            for k, origin in enumerate(behind().origins)
         ]
     )
+    return follower
+
+
+@pytest.mark.parametrize(("sigma", "why"), [(0.016, ""), (0.019, "too_uncertain")])
+def test_a_height_known_too_poorly_is_refused(
+    sigma: float, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def known(*task: Any) -> MonoFit | None:
+        found = fit_mono(*task)
+        assert found is not None
+        found.fit.covariance[1, 1] = sigma**2
+        return found
+
+    monkeypatch.setattr("pipeline_tracker.tracking.mono_follower.fit_mono", known)
+    frame = seen(edges(0, 0.3, True), edges(1, 0.3, True))
+    assert following().fit(frame, level_pose(), AHEAD_AXIS, UP)[2] == why
+
+
+def test_edges_spread_widely_are_refused_though_echoes_are_heard() -> None:
+    rows = [edges(side, radius, True) for side in (0, 1) for radius in (0.3, 0.308)]
+    reason = following().fit(seen(*rows), level_pose(), AHEAD_AXIS, UP)[2]
+    assert reason == "contours_not_clear"
+
+
+def test_accepted_frames_are_remembered_along_the_way() -> None:
+    follower = following()
+    frame = seen(edges(0, 0.3, True), edges(1, 0.3, True))
     found, _, reason = follower.fit(frame, level_pose(), AHEAD_AXIS, UP)
     assert found is not None
     assert reason == ""
     # 1 m on, the places are 1 m further behind.
-    passed = follower.around(10**9, level_pose(x=1.0)).seen_from(base).passed
-    assert passed[:, 1] == pytest.approx([1.5, 1.0, 0.5], abs=0.02)
-    assert np.abs(passed[:, [0, 2]] - [0.0, 2.0]).max() < 0.02
+    there = follower.around(10**9, level_pose(x=1.0)).seen_from(DOWN.inverse()).passed
+    assert there[:, 1] == pytest.approx([1.5, 1.0, 0.5], abs=0.02)
+    assert np.abs(there[:, [0, 2]] - [0.0, 2.0]).max() < 0.02
     follower.forget()
     assert len(follower.around(10**9, level_pose(x=1.0)).passed) == 0

@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 
 # Places of an axis that are remembered, m from the middle of the view.
 _PLACES = (-0.5, 0.0, 0.5)
+# Errors of the height come from edges beside the contour: they are more often large than those of a
+# bell-shaped spread, so less of it is borne than of others. Standard deviation for each metre of
+# distance, and at least, m.
+_HEIGHT_PER_METRE, _LEAST_HEIGHT = 0.0085, 0.017
 
 
 class MonoFollower:
@@ -78,7 +82,10 @@ class MonoFollower:
         covariance = published_covariance(found.fit, found.support)
         reason = mono_refusal(found, frame.rig.left)
         distance = float(np.linalg.norm(found.fit.axis.point))
-        if not reason and too_uncertain(covariance, distance):
+        most = max(_LEAST_HEIGHT, _HEIGHT_PER_METRE * distance)
+        # Written so that NaN is too uncertain.
+        known = not too_uncertain(covariance, distance) and covariance[1, 1] < most**2
+        if not reason and not known:
             reason = "too_uncertain"
         if not reason and pose is not None:
             places = np.stack([found.fit.axis.at(t) for t in _PLACES])
