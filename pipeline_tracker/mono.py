@@ -41,7 +41,7 @@ _SURFACE, _WANDER = 0.005, 0.006
 _PASSED_NEAR = 0.8
 # Echoes so far behind the middle of the view, m, say nothing of the pipe there.
 _BEHIND, _AHEAD = 6.0, 2.0
-_ECHO_WEIGHT = 0.5
+_ECHO_WEIGHT = 0.3
 # Edges of this share of the radius on both sides of a contour could as well be it.
 _DOUBT, _LEAST_DOUBT = 0.2, 0.03
 # Where the echoes tell the distance, only edges within so many of its standard deviations.
