@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import too_uncertain
 from pipeline_tracker.axis_fit import Axis, Prior
-from pipeline_tracker.echoes import PlacedEcho
+from pipeline_tracker.echoes import Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.mono import MonoFit, fit_mono, mono_refusal
 from pipeline_tracker.pipe_segment import published_covariance
@@ -18,6 +18,13 @@ from pipeline_tracker.tracking.echo_trail import EchoTrail
 from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]
+
+# Places of an axis that are remembered, m from the middle of the view.
+_PLACES = (-0.5, 0.0, 0.5)
+# Errors of the height come from edges beside the contour: they are more often large than those of a
+# bell-shaped spread, so less of it is borne than of others. Standard deviation for each metre of
+# distance, and at least, m.
+_HEIGHT_PER_METRE, _LEAST_HEIGHT = 0.0085, 0.017
 
 
 class MonoFollower:
@@ -31,6 +38,7 @@ class MonoFollower:
             mounting: base_link <- left optical frame.
         """
         self._radius = settings.radius
+        self._mounting = mounting
         self._to_optical = mounting.inverse()
         self._trail = EchoTrail(settings.altimeter.max_age)
 
@@ -41,6 +49,10 @@ class MonoFollower:
     def forget(self) -> None:
         """Forget all echoes."""
         self._trail.clear()
+
+    def around(self, stamp_ns: int, pose: Pose | None) -> Echoes:
+        """Return what is of use for a frame, see ``EchoTrail.around``."""
+        return self._trail.around(stamp_ns, pose)
 
     def fit(
         self,
@@ -63,13 +75,19 @@ class MonoFollower:
             The fit (None where it went astray), its covariance as published, 4 x 4, and why it is
             refused (empty where it is not).
         """
-        echoes = self._trail.around(frame.stamp_ns, pose).seen_from(self._to_optical)
+        echoes = self.around(frame.stamp_ns, pose).seen_from(self._to_optical)
         found = fit_mono(frame, start, self._radius, vertical, echoes, prior)
         if found is None:
             return None, np.zeros((4, 4)), "fit_went_astray"
         covariance = published_covariance(found.fit, found.support)
         reason = mono_refusal(found, frame.rig.left)
         distance = float(np.linalg.norm(found.fit.axis.point))
-        if not reason and too_uncertain(covariance, distance):
+        most = max(_LEAST_HEIGHT, _HEIGHT_PER_METRE * distance)
+        # Written so that NaN is too uncertain.
+        known = not too_uncertain(covariance, distance) and covariance[1, 1] < most**2
+        if not reason and not known:
             reason = "too_uncertain"
+        if not reason and pose is not None:
+            places = np.stack([found.fit.axis.at(t) for t in _PLACES])
+            self._trail.see(pose.apply(self._mounting.apply(places)))
         return found, covariance, reason
