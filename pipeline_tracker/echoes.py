@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,8 @@ class Echoes:
         distances: (N,), m.
         sigmas: standard deviations of the distances, poses included, (N,), m.
         half_angles: (N,), rad.
+        passed: places of the axis that images showed before, (P, 3), m: they tell how far to the
+            side of it a beam went down.
     """
 
     origins: Array
@@ -120,6 +122,7 @@ class Echoes:
     distances: Array
     sigmas: Array
     half_angles: Array
+    passed: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def none(cls) -> Echoes:
@@ -135,10 +138,9 @@ class Echoes:
         """Return the same in other coordinates; ``change`` is new frame <- this frame."""
         if not len(self):
             return self
-        return Echoes(
-            change.apply(self.origins),
-            change.rotate(self.directions),
-            self.distances,
-            self.sigmas,
-            self.half_angles,
+        return replace(
+            self,
+            origins=change.apply(self.origins),
+            directions=change.rotate(self.directions),
+            passed=change.apply(self.passed) if len(self.passed) else self.passed,
         )

@@ -4,7 +4,8 @@ One image shows where the pipe is to the side, and only by the width of its stri
 width is a poor witness: the foot of the pipe, the edge of its shadow and growth run along the
 contour and are taken for it. How well it is known is measured in the picture itself: from how
 widely edges that run along the pipe are spread about the contour. The echo sounder, where its beam
-meets the pipe, tells the distance without such doubt.
+meets the pipe, tells the distance without such doubt, and with the radius how wide the strip is.
+Pairs of edges of that width, with their brighter sides alike, are put together.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fit_axis
 from pipeline_tracker.echoes import Echoes
 from pipeline_tracker.evidence import (
-    EDGE_OUTSIDE,
     REFERENCE_WIDTH,
     SPAN,
     contour_rays,
@@ -37,39 +37,53 @@ _HIT_SHARE = 0.7
 # Roughness of what the beam meets, m; and what the pipe may wander off the fitted curve, for each
 # metre along it from the middle of the view.
 _SURFACE, _WANDER = 0.005, 0.006
+# A place of the axis tells of echoes so near to it, m along it.
+_PASSED_NEAR = 0.8
 # Echoes so far behind the middle of the view, m, say nothing of the pipe there.
 _BEHIND, _AHEAD = 6.0, 2.0
-_ECHO_WEIGHT = 0.5
+# Neighbours err alike, by the pose and by the bend that is not known.
+_ECHO_WEIGHT = 0.2
 # Edges of this share of the radius on both sides of a contour could as well be it.
 _DOUBT, _LEAST_DOUBT = 0.2, 0.03
 # Where the echoes tell the distance, only edges within so many of its standard deviations.
 _DOUBT_SIGMAS = 2.5
-# Standard deviation of a lone clean edge, px at 1200 px width, and the share of the spread of all
-# edges near it that is added.
-_CLEAN_EDGE, _SPREAD_SHARE = 0.8, 0.5
+# The strongest gradient lies outside of the contour: px at 1200 px width, of one image by rendered
+# seas at 2 m.
+_EDGE_OUTSIDE = 1.2
+# Standard deviation of a lone clean edge, px at 1200 px width, and what is added for each square px
+# of the spread of all edges near it: most of what is spread widely is no contour.
+_CLEAN_EDGE, _SPREAD_SHARE = 0.4, 0.28
 # Echoes that make the distance known.
 LEAST_HITS = 3
 # A frame without a past, and the echoes alone: left, up, heading, pitch, bend left, bend up. What
 # lies on the bed bends little upward.
-_LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.012])
-_ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.012])
+_LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.01])
+_ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.01])
 _DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
 # Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
-_ASIDE = 0.02
-_STARTS = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, 1), (-1, -1), (1, -1))
-_SPREAD_COST, _ABOUT_AS_GOOD = 0.06, 0.06
+_ASIDE = 0.03
+_STARTS = tuple((aside, 0) for aside in (0, -1, 1, -2, 2)) + tuple(
+    (aside, climb) for aside in (0, -1, 1) for climb in (-1, 1)
+)
+# Clarity that a px of spread takes, at 1200 px width.
+_SPREAD_COST = 0.12
+# So much less clarity is e times less likely; fits nearer than that, m, are one.
+_UNCLEAR, _SAME = 0.035, 0.004
 _USED = 0.2
+# Edges are looked at so near to the contours, as a share of the radius.
+_NEAR = 0.7
 _WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
 _GATES = (10.0, 6.0, 4.0)
 
 # Share of each contour's visible length that must be borne by segments.
-LEAST_SHARE = 0.22
-_LEAST_MEAN_SHARE = 0.3
+LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
+# The same where echoes met the pipe.
+_LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
 # Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
-# no less than so many px of a small image.
-_MOST_SPREAD, _MOST_SPREAD_PX = 1.25, 0.8
-# Where the width alone tells the distance, edges further off are looked at, clutter among them.
-_MOST_SPREAD_ALONE = 3.0
+# no less than so many px of a small image. Where the width alone tells the distance, edges further
+# off are looked at, clutter among them.
+_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 2.1, 3.0
+_LEAST_SPREAD_PX_HEARD, _LEAST_SPREAD_PX_ALONE = 1.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -77,8 +91,8 @@ class MonoFit:
     """An axis fitted to one image.
 
     Attributes:
-        fit: the fit.
-        support: of its contours.
+        fit: the fit, or the mean of several.
+        support: of the contours of the likeliest.
         hits: number of echoes that met the pipe.
         spread: see ``edge_spread``, of the worse contour.
     """
@@ -110,6 +124,7 @@ def echo_hits(echoes: Echoes, axis: Axis, radius: float) -> tuple[Array, Array]:
     """
     if not len(echoes):
         return np.zeros((0, 3)), np.zeros(0)
+    echoes = _straightened(echoes, axis)
     normals, distances = distances_from_axis(echoes.origins, axis)
     towards = -normals
     cosine = np.clip(np.einsum("ij,ij->i", echoes.directions, towards), -1.0, 1.0)
@@ -131,6 +146,27 @@ def echo_hits(echoes: Echoes, axis: Axis, radius: float) -> tuple[Array, Array]:
     points = echoes.origins + echoes.distances[:, None] * ways
     sigmas = np.sqrt(echoes.sigmas**2 + _SURFACE**2 + (_WANDER * along) ** 2)
     return points[met], sigmas[met]
+
+
+def _straightened(echoes: Echoes, axis: Axis) -> Echoes:
+    """Move echoes to the side by as much as the pipe there was beside the axis as it goes on.
+
+    Off the middle of its round a beam meets the pipe lower: a bend that is not known would look
+    like a slope.
+    """
+    if not len(echoes.passed):
+        return echoes
+    left = np.cross(-echoes.directions.mean(axis=0), axis.direction)
+    left /= max(float(np.linalg.norm(left)), 1e-9)
+    along = (echoes.passed - axis.point) @ axis.direction
+    order = np.argsort(along)
+    along, passed = along[order], echoes.passed[order]
+    bends = 0.5 * np.square(along)[:, None] * axis.bend
+    aside = (passed - axis.point - along[:, None] * axis.direction - bends) @ left
+    t = (echoes.origins - axis.point) @ axis.direction
+    nearest = np.abs(t[:, None] - along).min(axis=1)
+    shift = np.where(nearest < _PASSED_NEAR, np.interp(t, along, aside), 0.0)
+    return replace(echoes, origins=echoes.origins - shift[:, None] * left)
 
 
 def _tangents(echoes: Echoes, axis: Axis) -> Array:
@@ -205,37 +241,99 @@ def fit_mono(
         The fit, its origin in the middle of the view; None where it went astray.
     """
     axis = start.moved(middle_of_view(start, frame.rig.left))
-    axis, doubt = _at_depth(axis, radius, vertical, echoes)
+    if prior is None and len(echo_hits(echoes, axis, radius)[0]) >= LEAST_HITS:
+        # How steep it is, the echoes tell better than one image.
+        axis = _levelled(axis, vertical)
+    axis, doubt, heard = _at_depth(axis, radius, vertical, echoes)
     axis = axis.moved(middle_of_view(axis, frame.rig.left))
     # What was gathered from a wrong depth is no prior for the right one.
     task = _Task(frame, radius, vertical, echoes, _without_depth(prior, axis), doubt)
     if doubt >= _DOUBT:
         return task.fit_from(axis)
     left, up = across(axis.direction, vertical)
-    rise = doubt / _DOUBT_SIGMAS * float(np.linalg.norm(axis.point))
+    rise = float(np.sqrt(heard[0, 0]))
+
+    # From the frame before to the side, from the echoes in height.
+    def surprise(fit: AxisFit) -> float:
+        aside = _step(fit, task.prior.axis)[[0, 2]] / task.prior.sigmas[[0, 2]]
+        climb = _step(fit, axis)[[1, 3]]
+        return 0.5 * float(aside @ aside + climb @ np.linalg.solve(heard, climb))
+
     found = []
-    for aside, climb in _STARTS:
-        point = axis.point + aside * _ASIDE * left + climb * rise * up
-        fitted = task.fit_from(Axis(point, axis.direction, axis.bend))
-        if fitted is not None:
-            found.append(fitted)
-    return _choose(found) if found else None
+    for brighter in (1.0, -1.0):
+        alike = replace(task, frame=_alike(frame, axis, radius, brighter))
+        for aside, climb in _STARTS:
+            point = axis.point + aside * _ASIDE * left + climb * rise * up
+            fitted = alike.fit_from(Axis(point, axis.direction, axis.bend))
+            if fitted is not None:
+                found.append(fitted)
+    if not found:
+        return None
+    return _blend(found, [surprise(fitted.fit) for fitted in found])
 
 
-def _choose(found: list[MonoFit]) -> MonoFit:
-    """Take the best of the fits, as sure as those that are about as good agree with it."""
-    best = max(found, key=lambda fitted: fitted.clarity)
+def _alike(frame: VectorizedStereo, axis: Axis, radius: float, brighter: float) -> VectorizedStereo:
+    """Keep the edges near the contours whose outer side is the brighter (1) or the darker one (-1).
+
+    The left edge of the pipe's bright middle and the right edge of its shadow are as far apart as
+    its contours, but one has its brighter side within, the other without.
+    """
+    camera = frame.rig.left
+    segments = frame.left_segments.astype(np.float64)
+    ways = segments[:, 2:] - segments[:, :2]
+    middles = 0.5 * (segments[:, 2:] + segments[:, :2])
+    # The brighter side is to the right of the way from 1 to 2.
+    beside = (
+        middles
+        + np.stack((-ways[:, 1], ways[:, 0]), axis=1)
+        / np.maximum(np.linalg.norm(ways, axis=1), 1e-9)[:, None]
+    )
+    here, there = (
+        np.abs(rays_to_axis(unit_rays(places, camera), camera, axis)[:, 0])
+        for places in (middles, beside)
+    )
+    kept = ((there - here) * brighter > 0.0) & (np.abs(here - radius) < _NEAR * radius)
+    return replace(frame, left_segments=frame.left_segments[kept])
+
+
+def _blend(found: list[MonoFit], surprises: list[float]) -> MonoFit:
+    """Take the mean of the fits, each as likely as it is clear and as it was to be expected.
+
+    Beside each contour run edges of shadow, foot and growth; several pairs of them are as wide as
+    the echoes say. They lie to both sides of the true one.
+    """
+    costs = np.array(surprises) - [fitted.clarity / _UNCLEAR for fitted in found]
+    order = np.argsort(costs)
+    best = found[order[0]]
+    steps = np.array([_step(best.fit, fitted.fit.axis) for fitted in found])
+    kept: list[int] = []
+    for k in order:
+        # Several starts lead to the same pair of edges.
+        if all(np.abs(steps[k] - steps[j])[:2].max() > _SAME for j in kept):
+            kept.append(int(k))
+    weights = np.exp(costs[kept[0]] - costs[kept])
+    weights /= weights.sum()
+    mean = weights @ steps[kept]
     covariance = best.fit.covariance.copy()
-    apart = np.zeros(4)
-    for other in found:
-        if other.clarity > best.clarity - _ABOUT_AS_GOOD:
-            off = other.fit.axis.point - best.fit.axis.point
-            off = off - best.fit.axis.direction * float(off @ best.fit.axis.direction)
-            turn = other.fit.axis.direction - best.fit.axis.direction
-            left, up = best.fit.left, best.fit.up
-            apart = np.maximum(apart, np.abs([off @ left, off @ up, turn @ left, turn @ up]))
-    covariance[:4, :4] += np.diag(np.square(apart))
-    return replace(best, fit=replace(best.fit, covariance=covariance))
+    covariance[:4, :4] = 0.0
+    for weight, k in zip(weights, kept, strict=True):
+        off = steps[k] - mean
+        covariance[:4, :4] += weight * (found[k].fit.covariance[:4, :4] + np.outer(off, off))
+    fit = best.fit
+    axis = Axis(
+        fit.axis.point + mean[0] * fit.left + mean[1] * fit.up,
+        fit.axis.direction + mean[2] * fit.left + mean[3] * fit.up,
+        fit.axis.bend,
+    ).moved(0.0)
+    mean_fit = replace(fit, axis=axis, covariance=covariance)
+    return MonoFit(mean_fit, best.support, best.hits, best.spread)
+
+
+def _step(fit: AxisFit, axis: Axis) -> Array:
+    """Return left, up (m), heading and pitch (rad) of an axis beside a fitted one."""
+    there = axis.moved(float((fit.axis.point - axis.point) @ axis.direction))
+    off, turn = there.point - fit.axis.point, there.direction - fit.axis.direction
+    return np.array([off @ fit.left, off @ fit.up, turn @ fit.left, turn @ fit.up])
 
 
 @dataclass(frozen=True)
@@ -285,20 +383,24 @@ def _without_depth(prior: Prior | None, axis: Axis) -> Prior:
     return Prior(prior.axis, sigmas)
 
 
-def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tuple[Axis, float]:
+def _at_depth(
+    axis: Axis, radius: float, vertical: Array, echoes: Echoes
+) -> tuple[Axis, float, Array]:
     """Move an axis to where the echoes say that the pipe is, in its own vertical plane.
 
     The edges near a contour all look like one; only from about the right distance is the right one
     the nearest.
 
     Returns:
-        The axis, and how far from its contours, as a share of the radius, others could be it.
+        The axis; how far from its contours, as a share of the radius, others could be it; and the
+        2 x 2 covariance of its height and pitch.
     """
-    doubt = _DOUBT
+    axis = _below_echoes(axis, radius, vertical, echoes)
+    doubt, covariance = _DOUBT, np.diag(np.square(_LOOSE[[1, 3]]))
     for widths in _DEPTH_WIDTHS:
         points, sigmas = echo_hits(echoes, axis, radius)
         if len(points) < LEAST_HITS:
-            return axis, _DOUBT
+            return axis, _DOUBT, covariance
         none = np.zeros(0)
         evidence = Evidence(
             points, sigmas, np.zeros((0, 3)), np.zeros((0, 3)), none, none, none, _ECHO_WEIGHT
@@ -306,9 +408,33 @@ def _at_depth(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> tup
         straight = Axis.straight(axis.point, axis.direction)
         fit = fit_axis(straight, radius, evidence, vertical, Prior(straight, _ALONG_ECHOES), widths)
         axis = fit.axis
-        sigma = float(np.sqrt(fit.covariance[1, 1])) / max(float(np.linalg.norm(axis.point)), 0.1)
+        covariance = fit.covariance[np.ix_([1, 3], [1, 3])]
+        sigma = float(np.sqrt(covariance[0, 0])) / max(float(np.linalg.norm(axis.point)), 0.1)
         doubt = float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
-    return axis, doubt
+    return axis, doubt, covariance
+
+
+def _levelled(axis: Axis, vertical: Array) -> Axis:
+    level = axis.direction - vertical * float(axis.direction @ vertical)
+    if float(np.linalg.norm(level)) < 0.5:
+        return axis
+    return Axis.straight(axis.point, level)
+
+
+def _below_echoes(axis: Axis, radius: float, vertical: Array, echoes: Echoes) -> Axis:
+    """Move an axis up or down until the middle one of the echoes came from its upper side.
+
+    A fit alone may end above the echoes: from there, too, they are a radius away.
+    """
+    points, _ = echo_hits(echoes, axis, radius)
+    if len(points) < LEAST_HITS:
+        return axis
+    left, up = across(axis.direction, vertical)
+    t = (points - axis.point) @ axis.direction
+    off = points - (axis.point + t[:, None] * axis.direction + 0.5 * (t * t)[:, None] * axis.bend)
+    top = np.sqrt(np.maximum(radius**2 - np.square(off @ left), 0.0))
+    climb = float(np.median(off @ up - top))
+    return Axis(axis.point + climb * up, axis.direction, axis.bend)
 
 
 def _evidence(
@@ -329,8 +455,10 @@ def _evidence(
         own = sides == side
         # All edges of one side are one sight of the contour: they are off together.
         weights[own] /= max(float(weights[own].sum()), 1.0)
-        sigmas[own] = max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread) * scale, 0.5) / camera.fx
-    rays = _inward(rays, sides, axis, EDGE_OUTSIDE * scale / camera.fx)
+        sigmas[own] = (
+            max(np.hypot(_CLEAN_EDGE, _SPREAD_SHARE * spread * spread) * scale, 0.5) / camera.fx
+        )
+    rays = _inward(rays, sides, axis, _EDGE_OUTSIDE * scale / camera.fx)
     points, point_sigmas = echo_hits(echoes, axis, radius)
     return Evidence(
         points=points,
@@ -358,10 +486,14 @@ def mono_refusal(found: MonoFit, camera: Camera) -> str:
     shares = {contour.bit: contour.share for contour in found.support.contours}
     if set(shares) != {Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT}:
         return "one_contour_only"
-    if min(shares.values()) < LEAST_SHARE:
+    heard = found.hits >= LEAST_HITS
+    least = _LEAST_SHARE_HEARD if heard else LEAST_SHARE
+    if min(shares.values()) < least:
         return "one_contour_only" if max(shares.values()) >= LEAST_SHARE else "too_little_contour"
-    if found.support.contour_share < _LEAST_MEAN_SHARE:
+    mean = _LEAST_MEAN_SHARE_HEARD if heard else _LEAST_MEAN_SHARE
+    if found.support.contour_share < mean:
         return "too_little_contour"
-    wide = _MOST_SPREAD if found.hits >= LEAST_HITS else _MOST_SPREAD_ALONE
-    most = max(wide, _MOST_SPREAD_PX * REFERENCE_WIDTH / camera.width)
+    wide = _MOST_SPREAD_HEARD if heard else _MOST_SPREAD_ALONE
+    pixels = _LEAST_SPREAD_PX_HEARD if heard else _LEAST_SPREAD_PX_ALONE
+    most = max(wide, pixels * REFERENCE_WIDTH / camera.width)
     return "contours_not_clear" if found.spread > most else ""

@@ -11,14 +11,19 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline_tracker.echoes import Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import SECOND_NS
 
+Array = NDArray[np.float64]
+
 # The pipe does not go on straight for ever, and the poses drift.
 _WAY = 4.0
 _MOST = 400
+# Places of the axis that are remembered, three of each frame.
+_MOST_PLACES = 60
 # What the poses add to an echo's standard deviation, m for each metre of way since.
 _POSE_SIGMA = 0.01
 
@@ -35,6 +40,7 @@ class EchoTrail:
         self._max_age = round(max_age * SECOND_NS)
         self._placed: deque[tuple[PlacedEcho, Pose]] = deque(maxlen=_MOST)
         self._alone: PlacedEcho | None = None
+        self._passed: deque[Array] = deque(maxlen=_MOST_PLACES)
 
     def add(self, echoes: Sequence[PlacedEcho]) -> None:
         """Take in what was heard since the last frame."""
@@ -43,9 +49,18 @@ class EchoTrail:
                 self._placed.append((placed, placed.pose))
             self._alone = placed
 
+    def see(self, places: Array) -> None:
+        """Remember where an image showed the axis of the pipe.
+
+        Args:
+            places: (P, 3), odom, m.
+        """
+        self._passed.extend(places)
+
     def clear(self) -> None:
         """Forget all."""
         self._placed.clear()
+        self._passed.clear()
         self._alone = None
 
     def around(self, stamp_ns: int, pose: Pose | None) -> Echoes:
@@ -72,6 +87,7 @@ class EchoTrail:
             np.array([echo.distance for echo in heard]),
             np.hypot(sigmas, _POSE_SIGMA * np.sqrt(ways)),
             np.array([echo.half_angle for echo in heard]),
+            back.apply(np.array(self._passed)) if self._passed else np.zeros((0, 3)),
         )
 
     @staticmethod

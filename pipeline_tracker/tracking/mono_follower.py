@@ -9,15 +9,21 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.acceptance import too_uncertain
 from pipeline_tracker.axis_fit import Axis, Prior
-from pipeline_tracker.echoes import PlacedEcho
+from pipeline_tracker.echoes import Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.mono import MonoFit, fit_mono, mono_refusal
+from pipeline_tracker.mono import LEAST_HITS, MonoFit, fit_mono, mono_refusal
 from pipeline_tracker.pipe_segment import published_covariance
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.tracking.echo_trail import EchoTrail
 from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]
+
+# Places of an axis that are remembered, m from the middle of the view.
+_PLACES = (-0.5, 0.0, 0.5)
+# Frames are judged by the covariance that edges and echoes give; errors of left, up, heading and
+# pitch, measured on rendered seas, are so much of it.
+_MEASURED = np.array([0.7, 0.7, 1.0, 1.0])
 
 
 class MonoFollower:
@@ -31,6 +37,7 @@ class MonoFollower:
             mounting: base_link <- left optical frame.
         """
         self._radius = settings.radius
+        self._mounting = mounting
         self._to_optical = mounting.inverse()
         self._trail = EchoTrail(settings.altimeter.max_age)
 
@@ -41,6 +48,10 @@ class MonoFollower:
     def forget(self) -> None:
         """Forget all echoes."""
         self._trail.clear()
+
+    def around(self, stamp_ns: int, pose: Pose | None) -> Echoes:
+        """Return what is of use for a frame, see ``EchoTrail.around``."""
+        return self._trail.around(stamp_ns, pose)
 
     def fit(
         self,
@@ -63,7 +74,7 @@ class MonoFollower:
             The fit (None where it went astray), its covariance as published, 4 x 4, and why it is
             refused (empty where it is not).
         """
-        echoes = self._trail.around(frame.stamp_ns, pose).seen_from(self._to_optical)
+        echoes = self.around(frame.stamp_ns, pose).seen_from(self._to_optical)
         found = fit_mono(frame, start, self._radius, vertical, echoes, prior)
         if found is None:
             return None, np.zeros((4, 4)), "fit_went_astray"
@@ -72,4 +83,9 @@ class MonoFollower:
         distance = float(np.linalg.norm(found.fit.axis.point))
         if not reason and too_uncertain(covariance, distance):
             reason = "too_uncertain"
+        if found.hits >= LEAST_HITS:
+            covariance = covariance * np.outer(_MEASURED, _MEASURED)
+        if not reason and pose is not None:
+            places = np.stack([found.fit.axis.at(t) for t in _PLACES])
+            self._trail.see(pose.apply(self._mounting.apply(places)))
         return found, covariance, reason
