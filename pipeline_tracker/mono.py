@@ -19,12 +19,12 @@ from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fi
 from pipeline_tracker.echoes import Echoes
 from pipeline_tracker.evidence import (
     REFERENCE_WIDTH,
+    SPAN,
     contour_rays,
     distances_from_axis,
     rays_to_axis,
     unit_rays,
 )
-from pipeline_tracker.face import SPAN
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.support import Support, contour_support
@@ -41,7 +41,8 @@ _SURFACE, _WANDER = 0.005, 0.006
 _PASSED_NEAR = 0.8
 # Echoes so far behind the middle of the view, m, say nothing of the pipe there.
 _BEHIND, _AHEAD = 6.0, 2.0
-_ECHO_WEIGHT = 0.3
+# Neighbours err alike, by the pose and by the bend that is not known.
+_ECHO_WEIGHT = 0.2
 # Edges of this share of the radius on both sides of a contour could as well be it.
 _DOUBT, _LEAST_DOUBT = 0.2, 0.03
 # Where the echoes tell the distance, only edges within so many of its standard deviations.
@@ -81,7 +82,7 @@ _LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
 # Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
 # no less than so many px of a small image. Where the width alone tells the distance, edges further
 # off are looked at, clutter among them.
-_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 1.75, 3.0
+_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 2.1, 3.0
 _LEAST_SPREAD_PX_HEARD, _LEAST_SPREAD_PX_ALONE = 1.0, 0.8
 
 

@@ -11,7 +11,7 @@ from pipeline_tracker.acceptance import too_uncertain
 from pipeline_tracker.axis_fit import Axis, Prior
 from pipeline_tracker.echoes import Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.mono import MonoFit, fit_mono, mono_refusal
+from pipeline_tracker.mono import LEAST_HITS, MonoFit, fit_mono, mono_refusal
 from pipeline_tracker.pipe_segment import published_covariance
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.tracking.echo_trail import EchoTrail
@@ -21,10 +21,9 @@ Array = NDArray[np.float64]
 
 # Places of an axis that are remembered, m from the middle of the view.
 _PLACES = (-0.5, 0.0, 0.5)
-# Errors of the height come from edges beside the contour: they are more often large than those of a
-# bell-shaped spread, so less of it is borne than of others. Standard deviation for each metre of
-# distance, and at least, m.
-_HEIGHT_PER_METRE, _LEAST_HEIGHT = 0.0085, 0.017
+# Frames are judged by the covariance that edges and echoes give; errors of left, up, heading and
+# pitch, measured on rendered seas, are so much of it.
+_MEASURED = np.array([0.7, 0.7, 1.0, 1.0])
 
 
 class MonoFollower:
@@ -82,11 +81,10 @@ class MonoFollower:
         covariance = published_covariance(found.fit, found.support)
         reason = mono_refusal(found, frame.rig.left)
         distance = float(np.linalg.norm(found.fit.axis.point))
-        most = max(_LEAST_HEIGHT, _HEIGHT_PER_METRE * distance)
-        # Written so that NaN is too uncertain.
-        known = not too_uncertain(covariance, distance) and covariance[1, 1] < most**2
-        if not reason and not known:
+        if not reason and too_uncertain(covariance, distance):
             reason = "too_uncertain"
+        if found.hits >= LEAST_HITS:
+            covariance = covariance * np.outer(_MEASURED, _MEASURED)
         if not reason and pose is not None:
             places = np.stack([found.fit.axis.at(t) for t in _PLACES])
             self._trail.see(pose.apply(self._mounting.apply(places)))
