@@ -19,12 +19,12 @@ from pipeline_tracker.axis_fit import Axis, AxisFit, Evidence, Prior, across, fi
 from pipeline_tracker.echoes import Echoes
 from pipeline_tracker.evidence import (
     REFERENCE_WIDTH,
-    SPAN,
     contour_rays,
     distances_from_axis,
     rays_to_axis,
     unit_rays,
 )
+from pipeline_tracker.face import SPAN
 from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.support import Support, contour_support
