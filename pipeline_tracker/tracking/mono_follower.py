@@ -24,8 +24,9 @@ _PLACES = (-0.5, 0.0, 0.5)
 # Frames are judged by the covariance that edges and echoes give; errors of left, up, heading and
 # pitch, measured on rendered seas, are so much of it.
 _MEASURED = np.array([0.7, 0.7, 1.0, 1.0])
-# Height is what one camera knows least. With a larger standard deviation, m, one frame in twenty
-# was off by more than 5 cm in seas that nothing had been adjusted to.
+# Height is what one camera knows least. Where echoes are heard edges are judged less strictly, and
+# with a larger standard deviation, m, one frame in twenty was off by more than 5 cm in seas that
+# nothing had been adjusted to.
 _MOST_HEIGHT = 0.021
 
 
@@ -84,10 +85,11 @@ class MonoFollower:
         covariance = published_covariance(found.fit, found.support)
         reason = mono_refusal(found, frame.rig.left)
         distance = float(np.linalg.norm(found.fit.axis.point))
-        unsure = too_uncertain(covariance, distance) or covariance[1, 1] > _MOST_HEIGHT**2
-        if not reason and unsure:
+        echoed = found.hits >= LEAST_HITS
+        unsure = too_uncertain(covariance, distance)
+        if not reason and (unsure or (echoed and covariance[1, 1] > _MOST_HEIGHT**2)):
             reason = "too_uncertain"
-        if found.hits >= LEAST_HITS:
+        if echoed:
             covariance = covariance * np.outer(_MEASURED, _MEASURED)
         if not reason and pose is not None:
             places = np.stack([found.fit.axis.at(t) for t in _PLACES])

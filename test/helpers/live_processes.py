@@ -37,3 +37,24 @@ def children_of(pid: int) -> list[int]:
 def module_of(pid: int) -> str:
     """Return what a process of ``python -m MODULE`` runs."""
     return Path(f"/proc/{pid}/cmdline").read_text().split("\0")[2]
+
+
+def known_to_the_recorder(vehicle: Any) -> None:
+    """Wait until all that the vehicle sends is heard, by the recorder too."""
+    node = vehicle.talker.node
+
+    def heard(publisher: Any) -> bool:
+        # A pose by two nodes, all else by one.
+        listeners = 3 if "pose" in publisher.topic_name else 2
+        recorded = "image" not in publisher.topic_name
+        return bool(publisher.get_subscription_count() >= listeners - (not recorded))
+
+    own = ("pose", "info", "image")
+    vehicle.talker.wait(
+        lambda: (
+            "recorder" in node.get_node_names()
+            and all(heard(p) for p in node.publishers if any(n in p.topic_name for n in own))
+        ),
+        "all that the vehicle sends is heard",
+        within=60.0,
+    )

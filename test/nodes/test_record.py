@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_processes import children_of, is_ready, module_of
+from live_processes import children_of, is_ready, known_to_the_recorder, module_of
 from live_processes import run_command as run_process
 
 from pipeline_tracker.bags.reader import BagReader
@@ -39,21 +39,6 @@ def recorder_of(process: Any) -> int:
         if module_of(pid) == "pipeline_tracker.nodes.recorder"
     )
     return int(pid)
-
-
-def known_to_the_recorder(vehicle: Any) -> None:
-    """Wait until the recorder hears what the vehicle sends, and the vehicle hears the nodes."""
-    node = vehicle.talker.node
-    vehicle.talker.wait(
-        lambda: (
-            "recorder" in node.get_node_names()
-            and all(
-                p.get_subscription_count() >= 2 for p in node.publishers if "info" in p.topic_name
-            )
-        ),
-        "the recorder listens",
-        within=60.0,
-    )
 
 
 @pytest.mark.parametrize("separate", [False, True], ids=["one process", "four processes"])
@@ -136,7 +121,8 @@ def test_a_killed_run_leaves_a_whole_bag(bench: Any, tmp_path: Path) -> None:
 
 def test_nothing_recorded_is_no_bag(bench: Any, tmp_path: Path) -> None:
     directory = tmp_path / "bag"
-    process = recording(bench, directory)
+    # Else it is recorded that there is no input.
+    process = recording(bench, directory, "--set", "output.timeout=60")
     assert process.end(signal.SIGTERM)[0] == 0
     assert "nothing came that could be recorded" in process.text
     assert not directory.exists()

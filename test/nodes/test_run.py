@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_processes import NODES, children_of, is_ready, module_of, run_command
+from live_processes import (
+    NODES,
+    children_of,
+    is_ready,
+    known_to_the_recorder,
+    module_of,
+    run_command,
+)
 
 from pipeline_tracker.cli import run_command as command_line
 from pipeline_tracker.messages import stamp_ns
@@ -68,7 +75,9 @@ def test_verbose_nodes_log_what_becomes_of_each_frame(bench: Any) -> None:
 def test_quiet_nodes_say_nothing_while_all_is_well(bench: Any) -> None:
     recording = bench.directory / "recording"
     process = bench.process(run_command(bench.scene, "-q", "--record", str(recording)))
-    assert bench.vehicle().approach(0).valid
+    vehicle = bench.vehicle()
+    known_to_the_recorder(vehicle)
+    assert vehicle.approach(0).valid
     assert process.end()[0] == 0
     assert process.text == ""
     assert recording.is_dir()

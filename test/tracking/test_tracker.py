@@ -106,13 +106,19 @@ def test_the_piece_is_half_a_metre_in_the_middle_of_the_view_on_the_bent_axis() 
 def test_mono_follows_by_both_contours() -> None:
     seen = Diver(World.with_pipe(heading=0.1), MONO, look=LOOK)
     swim = Swim(seen)
-    for k, frame in enumerate(along(swim, 6)):
-        assert frame.status.state == State.TRACKING
-        assert frame.segment is not None
-        away, turn = seen.errors(frame.segment, level_pose(x=0.3 * k))
+    frames = along(swim, 6)
+    tracked = [k for k, frame in enumerate(frames) if frame.status.state == State.TRACKING]
+    # One camera without an echo sounder: a frame of widely spread edges is refused, not guessed.
+    assert len(tracked) >= 5
+    for k in tracked:
+        segment = frames[k].segment
+        assert segment is not None
+        away, turn = seen.errors(segment, level_pose(x=0.3 * k))
         assert away < 0.03
         assert turn < math.radians(2.0)
-    assert swim.asked == 1
+    for k in set(range(6)) - set(tracked):
+        assert frames[k].status.state == State.COASTING
+        assert "too_uncertain" in frames[k].status.reason
 
 
 def test_without_refinement_it_gives_the_papers_discrete_result() -> None:
