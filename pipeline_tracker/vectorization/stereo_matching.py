@@ -185,7 +185,17 @@ def _half_disparities(levels: StereoLevels, points: Points) -> NDArray[np.float6
 def _match(
     levels: StereoLevels, patch: Patch, points: Points, starts: NDArray[np.float64]
 ) -> Float32Array:
-    """Match points of the left image in the right one; see ``match_points``."""
+    """Match points of the left image in the right one with sub-pixel accuracy.
+
+    Args:
+        levels: the prepared pair.
+        patch: what is compared.
+        points: (N, 2) int64, x y in the left image, px.
+        starts: (N,) disparities to start from, px, see ``_half_disparities``.
+
+    Returns:
+        (M, 4) float32, x_left y_left x_right y_right, px, of those that could be matched.
+    """
     out = np.empty((points.shape[0], 4), np.float32)
     count = 0
     width = levels.left.shape[1]
@@ -225,19 +235,6 @@ def segment_points(segments: Float32Array, spacing: int) -> NDArray[np.int64]:
     share = (number + 0.5) / counts[owner]
     places = np.rint(ends[owner, :2] + share[:, None] * way[owner]).astype(np.int64)
     return np.unique(places, axis=0).reshape(-1, 2)
-
-
-def match_points(levels: StereoLevels, points: Points) -> Float32Array:
-    """Match points of the left rectified image in the right one with sub-pixel accuracy.
-
-    Args:
-        levels: the prepared pair.
-        points: (N, 2) int64, x y in the left image, px.
-
-    Returns:
-        (M, 4) float32, x_left y_left x_right y_right, px, of those that could be matched.
-    """
-    return _match(levels, _PATCH, points, _half_disparities(levels, points))
 
 
 def match_pair(

@@ -17,10 +17,12 @@ from pipeline_tracker.vectorization.coarse_disparity import (
 from pipeline_tracker.vectorization.patch_alignment import align_patch, make_patch, smoothed
 from pipeline_tracker.vectorization.segments import pyramid
 from pipeline_tracker.vectorization.stereo_matching import (
+    _PATCH,
     StereoLevels,
+    _half_disparities,
+    _match,
     correlation,
     match_pair,
-    match_points,
     segment_points,
     stereo_levels,
 )
@@ -35,6 +37,10 @@ def levels_of(left: Image, right: Image) -> StereoLevels:
 def grid_points(width: int, height: int, spacing: int) -> NDArray[np.int64]:
     columns, rows = np.meshgrid(*grid_sides(width, height, spacing))
     return np.stack((columns.ravel(), rows.ravel()), axis=1)
+
+
+def match_points(levels: StereoLevels, points: NDArray[np.int64]) -> NDArray[np.float32]:
+    return _match(levels, _PATCH, points, _half_disparities(levels, points))
 
 
 def matches_of(left: Image, right: Image, spacing: int = 16) -> NDArray[np.float64]:
