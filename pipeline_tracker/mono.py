@@ -59,6 +59,8 @@ LEAST_HITS = 3
 # lies on the bed bends little upward.
 _LOOSE = np.array([10.0, 10.0, 3.0, 0.3, 0.03, 0.01])
 _ALONG_ECHOES = np.array([0.005, 10.0, 0.005, 0.15, 0.005, 0.01])
+# Standard deviations of height and pitch are this much larger in a prior: the square root of 2.
+_COUNTED_TWICE = 1.4
 _DEPTH_WIDTHS = ((40.0, 24.0, 12.0), (6.0, 4.0, 4.0))
 # Where fits begin: left in _ASIDE m, up in standard deviations of the depth.
 _ASIDE = 0.03
@@ -246,8 +248,7 @@ def fit_mono(
         axis = _levelled(axis, vertical)
     axis, doubt, heard = _at_depth(axis, radius, vertical, echoes)
     axis = axis.moved(middle_of_view(axis, frame.rig.left))
-    # What was gathered from a wrong depth is no prior for the right one.
-    task = _Task(frame, radius, vertical, echoes, _without_depth(prior, axis), doubt)
+    task = _Task(frame, radius, vertical, echoes, _loosened(prior, axis), doubt)
     if doubt >= _DOUBT:
         return task.fit_from(axis)
     left, up = across(axis.direction, vertical)
@@ -371,15 +372,17 @@ class _Task:
         )
 
 
-def _without_depth(prior: Prior | None, axis: Axis) -> Prior:
-    """Return the prior without what it says of the depth.
+def _loosened(prior: Prior | None, axis: Axis) -> Prior:
+    """Return the prior with what it says of the depth believed less.
 
-    That came from the same echoes and the same edges: it would be counted anew in each frame.
+    Half of that came from echoes that are heard again and from a stretch that is still in view: it
+    would be counted anew in each frame.
     """
     if prior is None:
         return Prior(axis, _LOOSE)
     sigmas = _LOOSE.copy()
     sigmas[[0, 2]] = prior.sigmas[[0, 2]]
+    sigmas[[1, 3]] = _COUNTED_TWICE * prior.sigmas[[1, 3]]
     return Prior(prior.axis, sigmas)
 
 

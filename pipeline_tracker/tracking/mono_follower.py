@@ -21,13 +21,12 @@ Array = NDArray[np.float64]
 
 # Places of an axis that are remembered, m from the middle of the view.
 _PLACES = (-0.5, 0.0, 0.5)
-# Frames are judged by the covariance that edges and echoes give; errors of left, up, heading and
-# pitch, measured on rendered seas, are so much of it.
-_MEASURED = np.array([0.7, 0.7, 1.0, 1.0])
-# Height is what one camera knows least. Where echoes are heard edges are judged less strictly, and
-# with a larger standard deviation, m, one frame in twenty was off by more than 5 cm in seas that
-# nothing had been adjusted to.
-_MOST_HEIGHT = 0.021
+# Errors of left, up, heading and pitch, measured on rendered seas, are so much of what edges and
+# echoes together give.
+_MEASURED = np.array([0.8, 0.7, 1.4, 1.0])
+# Height is what one camera knows least. With a larger standard deviation, m, it may well be off by
+# 5 cm.
+_MOST_HEIGHT = 0.025
 
 
 class MonoFollower:
@@ -87,10 +86,11 @@ class MonoFollower:
         distance = float(np.linalg.norm(found.fit.axis.point))
         echoed = found.hits >= LEAST_HITS
         unsure = too_uncertain(covariance, distance)
-        if not reason and (unsure or (echoed and covariance[1, 1] > _MOST_HEIGHT**2)):
-            reason = "too_uncertain"
         if echoed:
             covariance = covariance * np.outer(_MEASURED, _MEASURED)
+            unsure |= bool(covariance[1, 1] > _MOST_HEIGHT**2)
+        if not reason and unsure:
+            reason = "too_uncertain"
         if not reason and pose is not None:
             places = np.stack([found.fit.axis.at(t) for t in _PLACES])
             self._trail.see(pose.apply(self._mounting.apply(places)))
