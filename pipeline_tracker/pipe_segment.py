@@ -23,7 +23,10 @@ _UP = np.array([0.0, 0.0, 1.0])
 # What no residual shows: calibration, the shape of a real pipe, edges that are not its contour.
 # Standard deviations of left and up for each metre of distance, of heading and pitch in rad; added
 # to those of the fit.
-_MODEL_SIGMAS = np.array([0.00016, 0.00026, 0.001, 0.001])
+_MODEL_SIGMAS = np.array([0.0001, 0.00015, 0.001, 0.001])
+# Patches overlap and share their particles and their haze: they err more alike than the fit
+# assumes. By rendered seas, its variances are so many times larger where there is a surface.
+_ALIKE = 1.3
 # What lies on a part of the face (silt, growth) lifts and tilts the fit: standard deviations for
 # each unit of the share that is missing.
 _WHOLE_FACE = 0.85
@@ -95,7 +98,8 @@ def published_covariance(fit: AxisFit, support: Support) -> Array:
     """
     distance = max(1.0, float(np.linalg.norm(fit.axis.point)))
     sigmas = _MODEL_SIGMAS * np.array([distance, distance, 1.0, 1.0])
-    covariance: Array = fit.covariance[:4, :4] + np.diag(np.square(sigmas))
+    alike = _ALIKE if support.face_points else 1.0
+    covariance: Array = alike * fit.covariance[:4, :4] + np.diag(np.square(sigmas))
     if support.face_points:
         covered = max(0.0, _WHOLE_FACE - support.face_share)
         covariance += np.diag(np.square(covered * _COVERED_SIGMAS))
