@@ -13,14 +13,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from pipeline_tracker.doctor.finding import Finding
+from pipeline_tracker.nodes.left_memory import SHARED_MEMORY, left_segments
 from pipeline_tracker.nodes.process import RosMissingError, prepare_transport, require_ros
 
 _DISTRIBUTION = "jazzy"
 _MIDDLEWARE = "rmw_fastrtps_cpp"
-_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - where Fast DDS has its segments
 # Each participant has a segment of 32 MiB (config/fastdds.xml); five of them, and a camera's.
 _LEAST_SHARED = 256e6
-_MANY_LEFT = 50
 _PROBE_WITHIN = 60.0
 # Above 101, Linux gives the ports to others.
 _HIGHEST_DOMAIN = 101
@@ -118,7 +117,7 @@ def _domain(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding("ok", "discovery", f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}")
 
 
-def shared_memory(place: Path = _SHARED_MEMORY) -> Iterator[Finding]:
+def shared_memory(place: Path = SHARED_MEMORY) -> Iterator[Finding]:
     """Look at the memory through which images go from one process to another.
 
     Args:
@@ -142,13 +141,14 @@ def shared_memory(place: Path = _SHARED_MEMORY) -> Iterator[Finding]:
         f"{free / 1e6:.0f} MB free in {place}",
         "" if enough else "256 MB are needed; in a container: --shm-size=512m",
     )
-    left = sum(1 for _ in place.glob("fastrtps_*"))
-    if left > _MANY_LEFT:
+    left = left_segments(place)
+    if left:
+        size = sum(segment.stat().st_size for segment in left if segment.exists())
         yield Finding(
             "look",
             "shared memory",
-            f"{left} files of Fast DDS in {place}",
-            "Killed nodes leave them; with no node running: rm /dev/shm/fastrtps_*",
+            f"killed processes have left {len(left)} segments of Fast DDS, {size / 1e6:.0f} MB",
+            "The next `run` takes them back",
         )
 
 

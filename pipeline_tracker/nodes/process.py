@@ -11,6 +11,7 @@ from enum import Enum
 from importlib import import_module
 
 from pipeline_tracker.errors import PipelineTrackerError
+from pipeline_tracker.nodes.left_memory import remove_left_segments
 from pipeline_tracker.resources import config_path
 
 # A node whose standard input is a pipe from `run` ends with it.
@@ -51,7 +52,9 @@ def require_ros(command: str) -> None:
 
 
 def prepare_transport(*, local: bool) -> None:
-    """Set up DDS by the environment, before rclpy starts; what the user has set is kept.
+    """Set up DDS before rclpy starts: by the environment, where what the user has set is kept.
+
+    Shared memory of processes that were killed is taken back.
 
     Args:
         local: discover nodes on this computer only.
@@ -62,6 +65,7 @@ def prepare_transport(*, local: bool) -> None:
         os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_path("fastdds.xml")))
     if local and "ROS_LOCALHOST_ONLY" not in os.environ:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    remove_left_segments()
 
 
 class Stop:

@@ -142,13 +142,15 @@ def test_shared_memory_that_is_not_there(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix" or not Path("/dev/shm").is_dir(), reason="Linux alone")  # noqa: S108
 def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(60):
-        (tmp_path / f"fastrtps_{number}").touch()
+    for number in range(2):
+        for name in (f"fastrtps_{number:016x}", f"fastrtps_{number:016x}_el"):
+            (tmp_path / name).write_bytes(bytes(2_000_000))
+            os.utime(tmp_path / name, (1.0, 1.0))
     monkeypatch.setattr(ros.shutil, "disk_usage", lambda _: SimpleNamespace(free=64e6))
     found = list(ros.shared_memory(tmp_path))
     assert [f.level for f in found] == ["wrong", "look"]
     assert "64 MB" in found[0].seen
-    assert "60 files" in found[1].seen
+    assert "2 segments of Fast DDS, 4 MB" in found[1].seen
 
 
 @pytest.mark.parametrize(
