@@ -236,23 +236,19 @@ def point_sigmas(surface: SurfacePoints, axis: Axis) -> Array:
 
 
 @compiled
-def _face_evidence(
+def _placed_face(
     points: Array,
     rays: Array,
     depth_sigmas: Array,
+    measured: Array,
     axis: Array,
     radius: float,
     pixel: float,
-    out: Array,
-    sigmas: Array,
-) -> int:
-    """Fill the first rows with the face's points less their sag, and their sigmas; how many."""
-    measured = _measure_rays(rays, axis)
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Return which points are on the face, and of these what ``_put_on_pipe`` fills."""
     room = np.empty(points.shape[0], np.int64)
     chosen = room[: _on_face(measured, radius, FACE_SHARE, pixel, room)]
-    if not tells_shape(depth_sigmas[chosen], radius):
-        return 0
-    unused = np.empty(chosen.shape[0])
+    placed, found = np.empty((chosen.shape[0], 3)), np.empty((2, chosen.shape[0]))
     _put_on_pipe(
         points,
         rays,
@@ -262,11 +258,24 @@ def _face_evidence(
         axis,
         radius,
         pixel,
-        out,
-        unused,
-        sigmas,
+        placed,
+        found[0],
+        found[1],
     )
-    return len(chosen)
+    return chosen, placed, found[0], found[1]
+
+
+@compiled
+def _face_evidence(
+    points: Array, rays: Array, depth_sigmas: Array, axis: Array, radius: float, pixel: float
+) -> tuple[Array, Array]:
+    """Return the face's points less their sag, and their sigmas."""
+    chosen, placed, _, sigmas = _placed_face(
+        points, rays, depth_sigmas, _measure_rays(rays, axis), axis, radius, pixel
+    )
+    if not tells_shape(depth_sigmas[chosen], radius):
+        return placed[:0], sigmas[:0]
+    return placed, sigmas
 
 
 def face_evidence(
@@ -284,18 +293,10 @@ def face_evidence(
         Points (N, 3), m, and standard deviations of their distance from the axis, (N,), m; none
         where they do not tell the surface's shape.
     """
-    points, sigmas = np.empty_like(surface.points), np.empty(len(surface.points))
-    count = _face_evidence(
-        surface.points,
-        surface.rays,
-        surface.depth_sigmas,
-        axis.rows,
-        radius,
-        pixel_of(camera),
-        points,
-        sigmas,
+    points, sigmas = _face_evidence(
+        surface.points, surface.rays, surface.depth_sigmas, axis.rows, radius, pixel_of(camera)
     )
-    return points[:count], sigmas[:count]
+    return points, sigmas
 
 
 @compiled
@@ -312,29 +313,17 @@ def _exposed(
     n = points.shape[0]
     seen, on = np.zeros(_SECTIONS), np.zeros(_SECTIONS)
     measured = _measure_rays(rays, axis)
-    section, room = np.empty(n, np.int64), np.empty(n, np.int64)
+    section = np.empty(n, np.int64)
     for i in range(n):
         place = (measured[2, i] + SPAN) / _SECTION
         section[i] = int(min(max(place, 0.0), _SECTIONS - 1.0))
-    chosen = room[: _on_face(measured, radius, FACE_SHARE, pixel, room)]
-    placed, found = np.empty((chosen.shape[0], 3)), np.empty((2, chosen.shape[0]))
-    _put_on_pipe(
-        points,
-        rays,
-        depth_sigmas,
-        chosen,
-        measured[0],
-        axis,
-        radius,
-        pixel,
-        placed,
-        found[0],
-        found[1],
+    chosen, _, distances, sigmas = _placed_face(
+        points, rays, depth_sigmas, measured, axis, radius, pixel
     )
     for j in range(chosen.shape[0]):
         k = section[chosen[j]]
         seen[k] += 1.0
-        if abs(found[0, j] - radius) < _ON_FACE * found[1, j]:
+        if abs(distances[j] - radius) < _ON_FACE * sigmas[j]:
             on[k] += 1.0
     share = on / np.maximum(seen, 1.0)
     told = seen >= _SECTION_POINTS
