@@ -332,7 +332,6 @@ class AblationSettings(Section):
 
     surface: bool = _setting(True, "Use the surface points; false: contours alone")
     prior: bool = _setting(True, "Fits know of the prediction by the pose; false: its start alone")
-    shadow_check: bool = _setting(True, "Drop pairs of lines with a shadow between them")
 
 
 class Settings(Section):

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.geometry.camera import Camera
-from pipeline_tracker.jit import compiled
 from pipeline_tracker.recognition.groups import form_groups
 from pipeline_tracker.recognition.hough import HoughLine, hough_lines
 from pipeline_tracker.recognition.techniques import technique2
-from pipeline_tracker.types import Float32Array, Image
+from pipeline_tracker.types import Float32Array
 
 Array = NDArray[np.float64]
 
@@ -23,13 +22,6 @@ REFERENCE_WIDTH = 1200.0
 # A pipe nearer than this many radii fills the picture; one further than this many diameters is a
 # line to the method.
 _NEAREST_RADII, _FURTHEST_DIAMETERS = 1.2, 40.0
-# A strip is called a shadow where it is darker than this share of both its neighbours.
-_SHADOW_SHARE = 0.75
-# ... and its brightness differs by less than this share of it; so many pixels of the thumbnail of
-# it and of each neighbour tell.
-_SHADOW_STRUCTURE, _SHADOW_PIXELS = 0.08, 12
-# A line with a slope below this runs along the rows.
-_LEVEL = 1e-9
 
 
 def contour_candidates(segments: Float32Array, camera: Camera) -> list[HoughLine]:
@@ -70,18 +62,18 @@ def _same_line(a: Array, b: Array, camera: Camera, distance: float) -> bool:
 
 
 def pair_hypotheses(
-    lines: list[HoughLine], camera: Camera, radius: float, thumbnail: Image
+    lines: list[HoughLine], camera: Camera, radius: float
 ) -> list[tuple[Axis, float]]:
     """Pair lines to contours and compute the axis of each pair by technique 2.
 
-    A pair is dropped where the distance that it implies is not one at which a pipe can be seen, or
-    where the strip between its lines is a shadow.
+    A pair is dropped where the distance that it implies is not one at which a pipe can be seen.
+    What it is a pair of (contours, a shadow, a cable) is for the surface and the other image to
+    tell.
 
     Args:
         lines: contour candidates of one image.
         camera: its camera.
         radius: m.
-        thumbnail: the image at an eighth of its size, uint8.
 
     Returns:
         Axes (left optical frame) with the weight of their two lines, px.
@@ -98,109 +90,5 @@ def pair_hypotheses(
             distance = float(np.linalg.norm(axis.point - camera.centre))
             if not _NEAREST_RADII * radius < distance < _FURTHEST_DIAMETERS * 2.0 * radius:
                 continue
-            if is_shadow(first.line, second.line, thumbnail, 8.0):
-                continue
             found.append((axis, first.weight + second.weight))
     return found
-
-
-def is_shadow(first: Array, second: Array, thumbnail: Image, shrunk: float) -> bool:
-    """Tell whether the strip between two lines is a shadow: darker than what is on both sides.
-
-    A dark pipe on bright sand looks the same in one picture; the caller has other evidence for it,
-    so only a strip much darker than both neighbours *and* without structure is called a shadow.
-
-    Args:
-        first, second: homogeneous lines, px of the full image.
-        thumbnail: uint8, the image shrunk.
-        shrunk: by which factor.
-    """
-    if thumbnail.size == 0:
-        return False
-    return _darker_between(first, second, np.ascontiguousarray(thumbnail), shrunk)
-
-
-@compiled
-def _columns_between(
-    first: float, second: float, at_first: float, at_second: float, columns: int
-) -> tuple[int, int]:
-    """Return the range of columns in which two linear functions of the column may differ in sign.
-
-    Args:
-        first, second: their slopes.
-        at_first, at_second: their values at column 0.
-        columns: how many there are.
-    """
-    if abs(first) < _LEVEL or abs(second) < _LEVEL:
-        return 0, columns
-    a, b = -at_first / first, -at_second / second
-    low, high = max(min(a, b), 0.0), min(max(a, b) + 1.0, 1.0 * columns)
-    return (int(low), int(high)) if low < high else (0, 0)
-
-
-@compiled
-def _darker_between(first: Array, second: Array, thumbnail: Image, shrunk: float) -> bool:
-    """See ``is_shadow``; the thumbnail is not empty."""
-    widths = np.empty(thumbnail.size)
-    inside, mean, spread = _strip(first, second, thumbnail, shrunk, widths)
-    if inside < _SHADOW_PIXELS or not spread < _SHADOW_STRUCTURE * max(mean, 1.0):
-        return False
-    beside = _beside(first, second, thumbnail, shrunk, np.median(widths[:inside]))
-    return mean < _SHADOW_SHARE * beside
-
-
-@compiled
-def _values(
-    first: Array, second: Array, row: int, shrunk: float
-) -> tuple[float, float, float, float]:
-    """Return both lines' values at the first pixel of a row of the thumbnail, and their slopes."""
-    sign = -1.0 if first[0] * second[0] + first[1] * second[1] < 0.0 else 1.0
-    x, y = 0.5 * shrunk - 0.5, (row + 0.5) * shrunk - 0.5
-    a = first[0] * x + first[1] * y + first[2]
-    b = sign * (second[0] * x + second[1] * y + second[2])
-    return a, b, shrunk * first[0], sign * shrunk * second[0]
-
-
-@compiled
-def _strip(
-    first: Array, second: Array, thumbnail: Image, shrunk: float, widths: Array
-) -> tuple[int, float, float]:
-    """Fill the strip's width at each pixel between two lines; how many, their mean and spread."""
-    count = 0
-    total = 0.0
-    squares = 0.0
-    for row in range(thumbnail.shape[0]):
-        a, b, da, db = _values(first, second, row, shrunk)
-        begin, end = _columns_between(da, db, a, b, thumbnail.shape[1])
-        for column in range(begin, end):
-            at_first, at_second = a + column * da, b + column * db
-            if min(at_first, at_second) < 0.0 < max(at_first, at_second):
-                value = float(thumbnail[row, column])
-                widths[count] = abs(at_first - at_second)
-                count += 1
-                total += value
-                squares += value * value
-    if count == 0:
-        return 0, 0.0, 0.0
-    mean = total / count
-    return count, mean, np.sqrt(max(0.0, squares / count - mean * mean))
-
-
-@compiled
-def _beside(first: Array, second: Array, thumbnail: Image, shrunk: float, width: float) -> float:
-    """Return the darker mean of what is beside a strip, as far as half its width; 0 of too few."""
-    before = after = 0
-    dark_before = dark_after = 0.0
-    for row in range(thumbnail.shape[0]):
-        a, b, da, db = _values(first, second, row, shrunk)
-        for column in range(thumbnail.shape[1]):
-            at_first, at_second = a + column * da, b + column * db
-            if -0.5 * width < max(at_first, at_second) <= 0.0:
-                before += 1
-                dark_before += thumbnail[row, column]
-            if 0.0 <= min(at_first, at_second) < 0.5 * width:
-                after += 1
-                dark_after += thumbnail[row, column]
-    if before < _SHADOW_PIXELS or after < _SHADOW_PIXELS:
-        return 0.0
-    return min(dark_before / before, dark_after / after)

@@ -136,12 +136,9 @@ class Recognizer:
     def _contour_axes(self, frame: VectorizedStereo) -> list[Axis]:
         axes: list[Axis] = []
         segments = (frame.left_segments, frame.right_segments)
-        thumbnails = (frame.left_thumbnail, frame.right_thumbnail)
-        if not self._settings.ablation.shadow_check:
-            thumbnails = (frame.left_thumbnail[:0], frame.right_thumbnail[:0])
         for number, camera in enumerate(frame.rig.cameras):
             lines = contour_candidates(segments[number], camera)
-            pairs = pair_hypotheses(lines, camera, self._radius, thumbnails[number])
+            pairs = pair_hypotheses(lines, camera, self._radius)
             axes += [axis for axis, _ in pairs]
         return axes
 
