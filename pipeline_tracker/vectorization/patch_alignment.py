@@ -23,7 +23,7 @@ _HALF, _SIGMA = 9, 5.5
 _TALL, _SIGMA_DOWN = 10, 4.81
 # Of the rows each second is looked at: the image is smoothed, so that it tells of its neighbours.
 _ROW_STEP = 2
-# A column without weight is added: rows, and all pixels, are whole groups of those computed at once.
+# A column without weight is added: a row is made of whole groups of pixels computed at once.
 _ROWS, _COLUMNS = 2 * _TALL // _ROW_STEP + 1, 2 * _HALF + 2
 _PIXELS = _ROWS * _COLUMNS
 # A step below the first is the last; a last one above the second has not settled.
