@@ -56,7 +56,8 @@ def correlations(
 
 
 @compiled_sums
-def _normalised(sl: int, sr: int, sll: int, srr: int, slr: int) -> float:
+def _normalised(sl: np.int32, sr: np.int32, sll: np.int32, srr: np.int32, slr: np.int32) -> float:
     n = float(_SIDE * _SIDE)
-    spread = (n * sll - float(sl) * sl) * (n * srr - float(sr) * sr)
-    return (n * slr - float(sl) * sr) / np.sqrt(spread) if spread > 0.0 else -1.0
+    left, right = float(sl), float(sr)
+    spread = (n * float(sll) - left * left) * (n * float(srr) - right * right)
+    return (n * float(slr) - left * right) / float(np.sqrt(spread)) if spread > 0.0 else -1.0

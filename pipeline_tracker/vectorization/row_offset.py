@@ -27,7 +27,7 @@ _LEAST_AGREED, _AGREED = 0.5, 0.75
 def _best_column(left: Image, right: Image, x: int, y: int, row: int, middle: int) -> float:
     """Return the best correlation of a patch in row ``y`` with patches of another row."""
     best = -1.0
-    for place in (x - middle - 1, x - middle + 2):
+    for place in (x - middle - 1, x - middle + 1):
         if place - 1 >= HALF and place + 1 + HALF < right.shape[1]:
             best = max(best, *correlations(left, right, x, y, place, row))
     return best

@@ -92,17 +92,18 @@ def _half_disparity(left: Image, right: Image, x: int, y: int, middle: int) -> t
 
     Climbs from the middle to the nearest maximum, a few pixels at most.
     """
-    where = middle
-    for _ in range(_REACH + 1):
+    where, best = middle, -1.0
+    for move in range(_REACH + 1):
         place = x - where
         if place - 1 < HALF or place + 1 + HALF >= right.shape[1]:
-            break
+            return float(where), -1.0
         above, best, below = correlations(left, right, x, y, place, y)
         if best >= below and best >= above:
             curvature = 2.0 * best - below - above
             return where + (0.5 * (above - below) / curvature if curvature > 0.0 else 0.0), best
-        where += 1 if above > below else -1
-    return float(where), -1.0
+        if move < _REACH:
+            where += 1 if above > below else -1
+    return float(where), best
 
 
 @compiled
