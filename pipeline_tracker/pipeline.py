@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import functools
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.echoes import EchoBuffer
 from pipeline_tracker.geometry.camera import Camera, StereoRig
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
+from pipeline_tracker.jit import kernels_are_kept
+from pipeline_tracker.recognition.contours import contour_candidates, pair_hypotheses
 from pipeline_tracker.recognition.recognizer import Recognizer
+from pipeline_tracker.recognition.surface_vote import vote_for_cylinders
+from pipeline_tracker.refinement import refine
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.self_check import SelfCheck, warm_up_check
 from pipeline_tracker.settings import PipeSettings, Settings
 from pipeline_tracker.settings_io import replace_settings
+from pipeline_tracker.support import judge
+from pipeline_tracker.surface import triangulate
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import Image, PipeSegment, RelativeState, VectorizedStereo
-from pipeline_tracker.vectorization.vectorizer import Vectorizer
+from pipeline_tracker.vectorization.vectorizer import Vectorizer, cores, thumbnail
 
 
 @dataclass(frozen=True)
@@ -115,41 +124,130 @@ def warm_up() -> None:
 
     Runs all steps on a small made-up pair: a bright cylinder over a plane of noise, which is found,
     tracked, and found by each technique. A process needs it once.
+
+    Where nothing is kept yet, and there is a second core, another process compiles about half
+    meanwhile; the kernels are kept in files that both read.
     """
-    radius, distance, focal = 0.3, 2.0, 200.0
-    camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
-    rig = StereoRig(camera, replace(camera, offset=0.2))
-    left, right = _made_up_pair(rig, radius, distance)
-    mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
-    own = Settings(pipe=PipeSettings(diameter=2 * radius))
-    changes: list[dict[str, Any]] = [{}, {"tracking.refine": False}]
-    changes += [{"recognition.technique": technique} for technique in (1, 2, 3)]
-    for change in changes:
-        pipeline = Pipeline(replace_settings(own, change), mounting)
-        for k in range(2):
-            pipeline.poses.add(k, Pose.identity())
-            pipeline.process(k, rig, left, right)
+    made_up = _MadeUp()
+    if not kernels_are_kept() and cores() > 1:
+        code = (
+            f"import sys; sys.path[:] = {sys.path!r}; "
+            "from pipeline_tracker.pipeline import warm_up_beside; warm_up_beside()"
+        )
+        quiet: Any = subprocess.DEVNULL
+        other = subprocess.Popen(  # noqa: S603 - this very program
+            [sys.executable, "-c", code], stdin=quiet, stdout=quiet, stderr=quiet
+        )
+        try:
+            # First what the other process never comes to, then what it has done by then.
+            made_up.fit()
+            made_up.run(made_up.frame(), _CHANGES)
+            other.wait()
+        finally:
+            other.kill()
+            other.wait()
+    # All that has been compiled is loaded; whatever has not is compiled now.
+    made_up.run(None, _CHANGES)
     warm_up_check()
 
 
-def _made_up_pair(rig: StereoRig, radius: float, distance: float) -> tuple[Image, Image]:
-    """Texture on a cylinder that lies on a plane, seen from above by both cameras."""
-    noise = np.random.default_rng(0).normal(0.0, 20.0, (512, 512))
-    # Smooth enough that halves of it look alike from both cameras.
-    noise = 0.5 * (noise + np.roll(noise, 1, axis=0) + np.roll(noise, 1, axis=1))
-    images: list[NDArray[np.uint8]] = []
-    for camera in rig.cameras:
-        ys, xs = np.mgrid[0 : camera.height, 0 : camera.width]
-        u, v = (xs - camera.cx) / camera.fx, (ys - camera.cy) / camera.fy
+def warm_up_beside() -> None:
+    """Compile what needs no fit: the search for the pipe, then what works on images."""
+    made_up = _MadeUp()
+    made_up.search()
+    made_up.vectorize()
+    warm_up_check()
+
+
+# Settings with which the steps are run, so that each kernel is used.
+_CHANGES: list[dict[str, Any]] = [
+    {},
+    {"tracking.refine": False},
+    *({"recognition.technique": technique} for technique in (1, 2, 3)),
+]
+
+
+class _MadeUp:
+    """A bright cylinder on a plane, seen from above by both cameras."""
+
+    def __init__(self) -> None:
+        self._radius, self._distance, focal = 0.3, 2.0, 200.0
+        camera = Camera(focal, focal, 127.5, 95.5, 256, 192)
+        self._rig = StereoRig(camera, replace(camera, offset=0.2))
+        self._settings = Settings(pipe=PipeSettings(diameter=2 * self._radius))
+
+    def run(self, frame: VectorizedStereo | None, changes: list[dict[str, Any]]) -> None:
+        """Find and track the pipe with each of some settings, in a frame or, if None, in images."""
+        mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
+        left, right = (self._image(camera) for camera in self._rig.cameras)
+        for change in changes:
+            pipeline = Pipeline(replace_settings(self._settings, change), mounting)
+            for k in range(2):
+                pipeline.poses.add(k, Pose.identity())
+                if frame is None:
+                    pipeline.process(k, self._rig, left, right)
+                else:
+                    pipeline.follow(replace(frame, stamp_ns=k))
+
+    def fit(self) -> None:
+        """Fit the pipe's axis, where it is, and judge it."""
+        frame = self.frame()
+        surface = triangulate(frame.matches, self._rig)
+        axis = Axis.straight(np.array([0.0, 0.0, self._distance]), np.array([0.0, 1.0, 0.0]))
+        up = np.array([0.0, 0.0, -1.0])
+        found = refine(frame, surface, axis, self._radius, up, by_contours=False)
+        judge(frame, surface, axis if found is None else found.axis, self._radius)
+
+    def search(self) -> None:
+        """Look for pipes in the surface, and in the contours."""
+        frame = self.frame()
+        camera = self._rig.left
+        vote_for_cylinders(triangulate(frame.matches, self._rig), self._radius, camera.width)
+        lines = contour_candidates(frame.left_segments, camera)
+        pair_hypotheses(lines, camera, self._radius, frame.left_thumbnail)
+
+    def vectorize(self) -> None:
+        """Vectorize the images."""
+        left, right = (self._image(camera) for camera in self._rig.cameras)
+        Vectorizer(self._settings).process(0, self._rig, left, right)
+
+    def frame(self) -> VectorizedStereo:
+        """Return about what the images would give, without looking at them."""
+        left, right = self._rig.cameras
+        ys, xs = np.mgrid[8 : left.height : 6, 40 : left.width : 6]
+        depth = self._seen(left)[1][ys, xs]
+        partner = xs - left.fx * right.offset / depth
+        matches = np.stack((xs, ys, partner, ys), axis=-1).reshape(-1, 4).astype(np.float32)
+        segments = []
+        for camera in self._rig.cameras:
+            first, *_, last = np.flatnonzero(self._seen(camera)[0][0]).tolist()
+            # The brighter side is to the right.
+            ends = [[first, y + 25, first, y] for y in range(0, 160, 30)]
+            ends += [[last, y, last, y + 25] for y in range(0, 160, 30)]
+            segments.append(np.array(ends, np.float32))
+        one, other = (thumbnail(self._image(camera)) for camera in self._rig.cameras)
+        return VectorizedStereo(0, self._rig, segments[0], segments[1], matches, one, other)
+
+    def _seen(self, camera: Camera) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Return where the cylinder is seen, and the depth, m, both (H, W)."""
+        xs = np.tile(np.arange(camera.width), (camera.height, 1))
+        u = (xs - camera.cx) / camera.fx
         # Ray (offset + s u, s v, s) against the cylinder x² + (z - distance)² = radius².
         a = u * u + 1.0
-        b = camera.offset * u - distance
-        c = camera.offset**2 + distance**2 - radius**2
+        b = camera.offset * u - self._distance
+        c = camera.offset**2 + self._distance**2 - self._radius**2
         root = b * b - a * c
         hit = root > 0
-        s = np.where(hit, (-b - np.sqrt(np.maximum(root, 0.0))) / a, distance + radius)
-        x, y = camera.offset + s * u, s * v
+        near = (-b - np.sqrt(np.maximum(root, 0.0))) / a
+        return hit, np.where(hit, near, self._distance + self._radius)
+
+    def _image(self, camera: Camera) -> Image:
+        noise = np.random.default_rng(0).normal(0.0, 20.0, (512, 512))
+        # Smooth enough that halves of it look alike from both cameras.
+        noise = 0.5 * (noise + np.roll(noise, 1, axis=0) + np.roll(noise, 1, axis=1))
+        ys, xs = np.mgrid[0 : camera.height, 0 : camera.width]
+        hit, s = self._seen(camera)
+        x, y = camera.offset + s * (xs - camera.cx) / camera.fx, s * (ys - camera.cy) / camera.fy
         texture = noise[(y * 100).astype(int) % 512, (x * 100).astype(int) % 512]
         grey = np.where(hit, 150.0, 90.0) + texture
-        images.append(np.clip(grey, 0.0, 255.0).astype(np.uint8))
-    return images[0], images[1]
+        return np.asarray(np.clip(grey, 0.0, 255.0), np.uint8)

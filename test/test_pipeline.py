@@ -248,6 +248,36 @@ def test_warming_up_goes_through_all_steps_and_is_done_once(
     assert len(frames) == len(techniques)
 
 
+def test_where_nothing_is_kept_another_process_compiles_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+    start = subprocess.Popen
+
+    def noted(*command: Any, **options: Any) -> subprocess.Popen[bytes]:
+        started.append(start(*command, **options))
+        return started[-1]
+
+    found: list[FrameResult] = []
+    follow = Pipeline.follow
+
+    def counted(self: Pipeline, *frame: Any) -> FrameResult:
+        found.append(follow(self, *frame))
+        return found[-1]
+
+    monkeypatch.setattr("pipeline_tracker.pipeline.kernels_are_kept", lambda: False)
+    monkeypatch.setattr("pipeline_tracker.pipeline.cores", lambda: 2)
+    monkeypatch.setattr("pipeline_tracker.pipeline.subprocess.Popen", noted)
+    monkeypatch.setattr(Pipeline, "follow", counted)
+    warm_up.cache_clear()
+    warm_up()
+    assert [process.returncode for process in started] == [0]
+    techniques = [frame.recognition and frame.recognition.technique for frame in found]
+    # Without images first, then with them.
+    assert techniques == 2 * [4, None, 4, None, 1, None, 2, None, 3, None]
+    assert all(frame.relative_state.valid for frame in found)
+
+
 def test_after_warming_up_nothing_is_left_to_compile() -> None:
     # In a process of its own: here, other tests have compiled what they need.
     helper = Path(__file__).parent / "helpers" / "late_compilation.py"

@@ -23,29 +23,33 @@ _HALF, _SIGMA = 9, 5.5
 _TALL, _SIGMA_DOWN = 10, 4.81
 # Of the rows each second is looked at: the image is smoothed, so that it tells of its neighbours.
 _ROW_STEP = 2
-# A column without weight is added, so that a row is made of whole groups of pixels; those of a
-# group are sampled together.
-_ROWS, _COLUMNS, _GROUP = 2 * _TALL // _ROW_STEP + 1, 2 * _HALF + 2, 4
+# A column without weight is added: a row is made of whole groups of pixels computed at once.
+_ROWS, _COLUMNS = 2 * _TALL // _ROW_STEP + 1, 2 * _HALF + 2
 _PIXELS = _ROWS * _COLUMNS
 # A step below the first is the last; a last one above the second has not settled.
 _MOST_STEPS, _CONVERGED, _UNSETTLED = 7, 0.08, 0.1
 # Farther from its start, or on a surface more slanted, the fit has slid to something else.
 _FARTHEST, _STEEPEST = 1.5, 0.6
+# Of the right image a window of such a width is looked at, px: as far as the fit may go, and from
+# its left end to the patch's middle where the fit starts.
+_WIDTH, _MIDDLE = 56, 26
 # A weak pull to no slant: a patch with a single edge does not tell.
 _PULL = 1e-3
 
 
 class Patch(NamedTuple):
-    """What a patch's pixels are, row by row, each (11 x 20,) float32.
+    """What a patch's pixels are, row by row, each (220,), 11 rows of 20.
 
     Attributes:
-        weight: Gaussian; 0 in the last column.
-        across, down: from the patch's middle, px.
+        weight: float32, Gaussian; 0 in the last column.
+        across, down: float32, from the patch's middle, px.
+        row: int32, where in a window of the right image its row begins.
     """
 
     weight: Float32Array
     across: Float32Array
     down: Float32Array
+    row: NDArray[np.int32]
 
 
 def make_patch() -> Patch:
@@ -53,7 +57,8 @@ def make_patch() -> Patch:
     down, across = np.mgrid[-_TALL : _TALL + 1 : _ROW_STEP, -_HALF : _HALF + 2].astype(np.float32)
     weight = np.exp(-0.5 * (np.square(across / _SIGMA) + np.square(down / _SIGMA_DOWN)))
     weight[:, -1] = 0.0
-    return Patch(weight.astype(np.float32).ravel(), across.ravel(), down.ravel())
+    row = np.repeat(np.arange(_ROWS, dtype=np.int32) * _WIDTH, _COLUMNS)
+    return Patch(weight.astype(np.float32).ravel(), across.ravel(), down.ravel(), row)
 
 
 def patch_variance() -> float:
@@ -85,52 +90,93 @@ def smoothed(image: Image, out: Smooth) -> None:
 
 
 @compiled_sums
-def _sample(
-    right: Smooth,
-    x: int,
-    y: int,
-    disparity: np.float32,
+def _left_pixels(
+    left: Smooth, x: int, y: int, base: np.float32, level: Float32Array, slope: Float32Array
+) -> None:
+    """Fill a patch's grey levels, less ``base``, and their derivatives along the row.
+
+    Args:
+        left: (H, W) uint16.
+        x, y: the patch's first pixel.
+        base: a grey level.
+        level, slope: (220,), filled.
+    """
+    for j in range(level.shape[0] // _COLUMNS):
+        near = left[y + j * _ROW_STEP, x - 1 : x + _COLUMNS + 1]
+        for i in range(_COLUMNS):
+            before, after = np.float32(near[i]), np.float32(near[i + 2])
+            level[j * _COLUMNS + i] = np.float32(near[i + 1]) - base
+            slope[j * _COLUMNS + i] = np.float32(0.5) * (after - before)
+
+
+@compiled_sums
+def _window(right: Smooth, x: int, y: int, base: np.float32, window: Float32Array) -> None:
+    """Fill the grey levels, less ``base``, of a patch's rows, each from ``x`` on.
+
+    Args:
+        right: (H, W) uint16.
+        x, y: the window's first pixel.
+        base: a grey level.
+        window: (11 * 56,), filled.
+    """
+    for j in range(window.shape[0] // _WIDTH):
+        near = right[y + j * _ROW_STEP, x : x + _WIDTH]
+        line = window[j * _WIDTH : (j + 1) * _WIDTH]
+        for i in range(_WIDTH):
+            line[i] = np.float32(near[i]) - base
+
+
+@compiled_sums
+def _right_sums(
+    window: Float32Array,
+    place: np.float32,
     slant_x: np.float32,
     slant_y: np.float32,
-    base: np.float32,
-    samples: Float32Array,
-) -> bool:
-    """Fill a patch's grey levels, less ``base``, from where it is seen in the right image.
+    patch: Patch,
+    level: Float32Array,
+    slope: Float32Array,
+) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+    """Sum up a patch as it is seen in a window of the right image.
+
+    There are no arrays to write to, so that many pixels can be computed at once.
+
+    Args:
+        window: of the right image, (11 * 56,).
+        place: of the patch's middle in it, px.
+        slant_x, slant_y: of the patch.
+        patch: its pixels.
+        level, slope: of the patch in the left image, (220,).
 
     Returns:
-        Whether all of it is inside.
+        Weighted sums of the grey levels, their squares, and their products with the left ones; with
+        the left slopes, these times the way across, and down.
     """
     two, four, five, three = np.float32(2), np.float32(4), np.float32(5), np.float32(3)
-    a_half = np.float32(0.5)
     spacing = np.float32(1) - slant_x
-    for j in range(_ROWS):
-        down = np.float32(j * _ROW_STEP - _TALL)
-        begin = np.float32(x - _HALF) - disparity - slant_y * down + slant_x * np.float32(_HALF)
-        end = begin + spacing * np.float32(_COLUMNS - 1)
-        # Written so that NaN is not inside.
-        if not (begin >= np.float32(3) and end < np.float32(right.shape[1] - 5)):
-            return False
-        row = right[y + j * _ROW_STEP - _TALL]
-        for g in range(0, _COLUMNS, _GROUP):
-            first = begin + spacing * np.float32(g)
-            # One whole pixel for all of a group, that of its middle: they are read together, and
-            # the cubic's own interval is left by a part of a pixel at most.
-            whole = int(first - np.float32(0.5 * (_GROUP - 1)) * slant_x)
-            part = first - np.float32(whole)
-            # A view, so that its indices are known not to be negative.
-            near = row[whole - 1 : whole + _GROUP + 2]
-            for i in range(_GROUP):
-                f = part - np.float32(i) * slant_x
-                p0 = np.float32(near[i])
-                p1 = np.float32(near[i + 1])
-                p2 = np.float32(near[i + 2])
-                p3 = np.float32(near[i + 3])
-                # Cubic through four pixels: a straight line between two would pull to whole ones.
-                c2 = two * p0 - five * p1 + four * p2 - p3
-                c3 = three * (p1 - p2) + p3 - p0
-                value = p1 + a_half * f * (p2 - p0 + f * (c2 + f * c3))
-                samples[j * _COLUMNS + g + i] = value - base
-    return True
+    sv = svv = slv = e0 = e1 = e2 = np.float32(0)
+    for n in range(_PIXELS):
+        exact = place + spacing * patch.across[n] - slant_y * patch.down[n]
+        whole = np.int32(exact)
+        f = exact - np.float32(whole)
+        # Known not to be negative.
+        k = np.uint32(patch.row[n] + whole)
+        p0 = window[k - np.uint32(1)]
+        p1 = window[k]
+        p2 = window[k + np.uint32(1)]
+        p3 = window[k + np.uint32(2)]
+        # Cubic through four pixels: a straight line between two would pull to whole ones.
+        c2 = two * p0 - five * p1 + four * p2 - p3
+        c3 = three * (p1 - p2) + p3 - p0
+        v = p1 + np.float32(0.5) * f * (p2 - p0 + f * (c2 + f * c3))
+        wv = patch.weight[n] * v
+        tv = slope[n] * wv
+        sv += wv
+        svv += wv * v
+        slv += wv * level[n]
+        e0 += tv
+        e1 += tv * patch.across[n]
+        e2 += tv * patch.down[n]
+    return sv, svv, slv, e0, e1, e2
 
 
 @compiled_sums
@@ -155,29 +201,28 @@ def align_patch(
     height, width = left.shape
     if x < _HALF + 1 or y < _TALL or x >= width - _HALF - 2 or y >= height - _TALL:
         return start, -1.0
+    # Where the right image ends the window ends with it.
+    left_end = min(max(int(x - start) - _MIDDLE, 0), right.shape[1] - _WIDTH)
+    if left_end < 0:
+        return start, -1.0
     one, a_half, zero = np.float32(1), np.float32(0.5), np.float32(0)
-    arrays = np.empty((6, _PIXELS), np.float32)
-    level, slope, samples = arrays[0], arrays[1], arrays[2]
-    # Slopes by weight; the same times the way from the middle, across and down.
-    t0, t1, t2 = arrays[3], arrays[4], arrays[5]
+    # Of a length that the compiler does not know: else it writes out all rows, one by one.
+    pixels = len(patch.weight)
+    level, slope = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    window = np.empty(pixels // _COLUMNS * _WIDTH, np.float32)
     # Sums are of differences from the middle's grey level: float32 holds these better.
     base = np.float32(left[y, x])
-    for j in range(_ROWS):
-        near = left[y + j * _ROW_STEP - _TALL, x - _HALF - 1 : x - _HALF + _COLUMNS + 1]
-        for i in range(_COLUMNS):
-            level[j * _COLUMNS + i] = np.float32(near[i + 1]) - base
-            slope[j * _COLUMNS + i] = a_half * (np.float32(near[i + 2]) - np.float32(near[i]))
+    _left_pixels(left, x - _HALF, y - _TALL, base, level, slope)
+    _window(right, left_end, y - _TALL, base, window)
     sw = sl = sll = s0 = s1 = s2 = b0 = b1 = b2 = zero
     h00 = h01 = h02 = h11 = h12 = h22 = zero
     for n in range(_PIXELS):
         w, across, down = patch.weight[n], patch.across[n], patch.down[n]
+        wl, u0 = w * level[n], w * slope[n]
+        u1, u2 = u0 * across, u0 * down
         sw += w
-        sl += w * level[n]
-        sll += w * level[n] * level[n]
-        u0 = w * slope[n]
-        u1 = u0 * across
-        u2 = u0 * down
-        t0[n], t1[n], t2[n] = u0, u1, u2
+        sl += wl
+        sll += wl * level[n]
         s0 += u0
         s1 += u1
         s2 += u2
@@ -216,18 +261,13 @@ def align_patch(
     disparity, slant_x, slant_y = np.float32(start), zero, zero
     step, quality = one, -one
     for _ in range(_MOST_STEPS):
-        if not _sample(right, x, y, disparity, slant_x, slant_y, base, samples):
+        place = np.float32(x - left_end) - disparity
+        wide, tall = (one - slant_x) * np.float32(_HALF + 1), abs(slant_y) * np.float32(_TALL)
+        # Written so that NaN is not inside.
+        inside = place - wide - tall >= one and place + wide + tall < np.float32(_WIDTH - 3)
+        if not inside:
             return start, -1.0
-        sv = svv = slv = e0 = e1 = e2 = zero
-        for n in range(_PIXELS):
-            v = samples[n]
-            wv = patch.weight[n] * v
-            sv += wv
-            svv += wv * v
-            slv += wv * level[n]
-            e0 += t0[n] * v
-            e1 += t1[n] * v
-            e2 += t2[n] * v
+        sv, svv, slv, e0, e1, e2 = _right_sums(window, place, slant_x, slant_y, patch, level, slope)
         spread = svv * sw - sv * sv
         if spread <= zero:
             return start, -1.0

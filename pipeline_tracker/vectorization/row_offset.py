@@ -6,16 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.jit import compiled
+from pipeline_tracker.vectorization.correlation import HALF, correlations
 
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
 Array = NDArray[np.float64]
 
-# Half size of the patches, px of the half-size images, and least correlation of a match.
-_HALF, _LEAST_ALIKE = 5, 0.6
-# Rows are sought so far up and down, and columns beside the coarse disparity, half-size px.
-_ROWS, _COLUMNS = 4, 2
+# Least correlation of a match.
+_LEAST_ALIKE = 0.6
+# Rows are sought so far up and down, half-size px.
+_ROWS = 4
 # Points that are looked at, and how many of them must be found.
 _SAMPLE, _LEAST_FOUND = 64, 12
 # Share of those found that must agree to so much, half-size px.
@@ -25,24 +26,10 @@ _LEAST_AGREED, _AGREED = 0.5, 0.75
 @compiled
 def _best_column(left: Image, right: Image, x: int, y: int, row: int, middle: int) -> float:
     """Return the best correlation of a patch in row ``y`` with patches of another row."""
-    n = float((2 * _HALF + 1) ** 2)
     best = -1.0
-    for place in range(x - middle - _COLUMNS, x - middle + _COLUMNS + 1):
-        if place < _HALF or place >= right.shape[1] - _HALF:
-            continue
-        sl, sr, sll, srr, slr = 0, 0, 0, 0, 0
-        for v in range(-_HALF, _HALF + 1):
-            for u in range(-_HALF, _HALF + 1):
-                a = int(left[y + v, x + u])
-                b = int(right[row + v, place + u])
-                sl += a
-                sr += b
-                sll += a * a
-                srr += b * b
-                slr += a * b
-        spread = (n * sll - sl * sl) * (n * srr - sr * sr)
-        if spread > 0.0:
-            best = max(best, (n * slr - sl * sr) / np.sqrt(spread))
+    for place in (x - middle - 1, x - middle + 1):
+        if place - 1 >= HALF and place + 1 + HALF < right.shape[1]:
+            best = max(best, *correlations(left, right, x, y, place, row))
     return best
 
 
@@ -52,14 +39,14 @@ def _offsets(
 ) -> int:
     """Fill the rows that the right image is lower by at each point that is found, half-size px."""
     height, width = left.shape
-    reach = _HALF + _ROWS + 1
+    reach = HALF + _ROWS + 1
     count = 0
     for i in range(points.shape[0]):
         x, y = points[i, 0] // 2, points[i, 1] // 2
         row = min(points[i, 1] // side, coarse.shape[0] - 1)
         column = min(points[i, 0] // side, coarse.shape[1] - 1)
         known = coarse[row, column]
-        if not known >= 0.0 or not (_HALF <= x < width - _HALF and reach <= y < height - reach):
+        if not known >= 0.0 or not (HALF <= x < width - HALF and reach <= y < height - reach):
             continue
         middle = int(np.rint(0.5 * side * known))
         where = 0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
-from pipeline_tracker.jit import compiled, compiled_sums
+from pipeline_tracker.jit import compiled
 from pipeline_tracker.vectorization.coarse_disparity import (
     coarse_disparities,
     coarse_side,
@@ -20,6 +20,7 @@ from pipeline_tracker.vectorization.coarse_disparity import (
     raised_points,
     sparse_points,
 )
+from pipeline_tracker.vectorization.correlation import HALF, correlations
 from pipeline_tracker.vectorization.patch_alignment import (
     Patch,
     Smooth,
@@ -35,8 +36,8 @@ Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
 
-# Half size of the patches at half the size: 11 x 11 px, and how far from the coarse disparity, px.
-_HALF_PATCH, _REACH = 5, 4
+# How far from the coarse disparity is looked at half the size, px.
+_REACH = 4
 # Least correlation there, and of the patches once they are aligned at full size.
 _LEAST_COARSE, _LEAST_ALIGNED = 0.35, 0.7
 _MIN_SEGMENT = 40.0
@@ -45,7 +46,7 @@ _MIN_SEGMENT = 40.0
 _LEAST_MATCHED = 0.15
 _PATCH = make_patch()
 # So far from its middle a patch looks at either image, px.
-_PATCH_REACH = 2 * (_HALF_PATCH + 1)
+_PATCH_REACH = 2 * (HALF + 1)
 
 
 class StereoLevels(NamedTuple):
@@ -85,67 +86,24 @@ def stereo_levels(
     return StereoLevels(smooth[0], smooth[1], left[1], right[1], disparities, side)
 
 
-@compiled_sums
-def correlation(left: Image, right: Image, xl: int, xr: int, y: int, half: int) -> float:
-    """Zero-mean normalised cross-correlation of two square patches in one row, -1 to 1.
-
-    A patch without any contrast gives -1. The caller keeps the patches inside the images.
-    ``half`` is at most 7: up to there float32 holds all sums exactly, in whatever order.
-    """
-    size = 2 * half + 1
-    sl = sr = sll = srr = slr = np.float32(0)
-    for j in range(size):
-        one = left[y - half + j, xl - half : xl + half + 1]
-        other = right[y - half + j, xr - half : xr + half + 1]
-        for i in range(size):
-            a = np.float32(one[i])
-            b = np.float32(other[i])
-            sl += a
-            sr += b
-            sll += a * a
-            srr += b * b
-            slr += a * b
-    n, suml, sumr = np.float64(size * size), np.float64(sl), np.float64(sr)
-    vl = n * np.float64(sll) - suml * suml
-    vr = n * np.float64(srr) - sumr * sumr
-    if vl <= 0.0 or vr <= 0.0:
-        return -1.0
-    return float((n * np.float64(slr) - suml * sumr) / np.sqrt(vl * vr))
-
-
 @compiled
 def _half_disparity(left: Image, right: Image, x: int, y: int, middle: int) -> tuple[float, float]:
     """Return the best disparity near ``middle``, to a part of a pixel, and its correlation.
 
     Climbs from the middle to the nearest maximum, a few pixels at most.
     """
-    half = _HALF_PATCH
-    width = right.shape[1]
-    where = middle
-    if x - where - 1 - half < 0 or x - where + 1 + half >= width:
-        return float(where), -1.0
-    below = correlation(left, right, x, x - where + 1, y, half)
-    best = correlation(left, right, x, x - where, y, half)
-    above = correlation(left, right, x, x - where - 1, y, half)
-    for _ in range(_REACH):
+    where, best = middle, -1.0
+    for move in range(_REACH + 1):
+        place = x - where
+        if place - 1 < HALF or place + 1 + HALF >= right.shape[1]:
+            return float(where), -1.0
+        above, best, below = correlations(left, right, x, y, place, y)
         if best >= below and best >= above:
-            break
-        if above > below:
-            where += 1
-            if x - where - 1 - half < 0:
-                return float(where), -1.0
-            below, best = best, above
-            above = correlation(left, right, x, x - where - 1, y, half)
-        else:
-            where -= 1
-            if x - where + 1 + half >= width:
-                return float(where), -1.0
-            above, best = best, below
-            below = correlation(left, right, x, x - where + 1, y, half)
-    curvature = 2.0 * best - below - above
-    if best < below or best < above or curvature <= 0.0:
-        return float(where), best
-    return where + 0.5 * (above - below) / curvature, best
+            curvature = 2.0 * best - below - above
+            return where + (0.5 * (above - below) / curvature if curvature > 0.0 else 0.0), best
+        if move < _REACH:
+            where += 1 if above > below else -1
+    return float(where), best
 
 
 @compiled
@@ -166,7 +124,7 @@ def _half_disparities(levels: StereoLevels, points: Points) -> NDArray[np.float6
     for i in range(points.shape[0]):
         x = points[i, 0] // 2
         y = points[i, 1] // 2
-        inside = _HALF_PATCH <= x < width - _HALF_PATCH and _HALF_PATCH <= y < height - _HALF_PATCH
+        inside = HALF <= x < width - HALF and HALF <= y < height - HALF
         if not inside or rows == 0 or columns == 0:
             continue
         coarse = levels.coarse[

@@ -14,14 +14,19 @@ from pipeline_tracker.vectorization.coarse_disparity import (
     raised_points,
     sparse_points,
 )
-from pipeline_tracker.vectorization.patch_alignment import align_patch, make_patch, smoothed
+from pipeline_tracker.vectorization.correlation import HALF, correlations
+from pipeline_tracker.vectorization.patch_alignment import (
+    _right_sums,
+    align_patch,
+    make_patch,
+    smoothed,
+)
 from pipeline_tracker.vectorization.segments import pyramid
 from pipeline_tracker.vectorization.stereo_matching import (
     _PATCH,
     StereoLevels,
     _half_disparities,
     _match,
-    correlation,
     match_pair,
     segment_points,
     stereo_levels,
@@ -128,17 +133,19 @@ def test_tiny_images_are_taken(shape: tuple[int, int]) -> None:
     assert np.isfinite(found).all()
 
 
-def test_the_correlation_is_that_of_numpy() -> None:
+def test_correlations_are_those_of_numpy() -> None:
     random = np.random.default_rng(4)
-    left, right = (random.integers(0, 256, (30, 40)).astype(np.uint8) for _ in range(2))
-    for half, xl, xr, y in ((3, 10, 12, 8), (6, 20, 30, 15), (1, 5, 38, 28)):
-        a = left[y - half : y + half + 1, xl - half : xl + half + 1].ravel()
-        b = right[y - half : y + half + 1, xr - half : xr + half + 1].ravel()
-        expected = float(np.corrcoef(a.astype(float), b.astype(float))[0, 1])
-        assert correlation(left, right, xl, xr, y, half) == pytest.approx(expected, abs=1e-12)
-    assert correlation(left, left, 12, 12, 9, 4) == pytest.approx(1.0)
-    assert correlation(left, 255 - left, 12, 12, 9, 4) == pytest.approx(-1.0)
-    assert correlation(left, np.full_like(left, 9), 12, 12, 9, 4) == -1.0
+    left, right = (random.integers(0, 256, (30, 60)).astype(np.uint8) for _ in range(2))
+    columns = np.arange(-HALF, HALF + 1)
+    rows = columns[:, None]
+    for xl, yl, xr, yr in ((5, 5, 6, 5), (20, 15, 30, 11), (54, 24, 53, 24)):
+        a = left[yl + rows, xl + columns].ravel().astype(float)
+        for i, found in enumerate(correlations(left, right, xl, yl, xr, yr)):
+            b = right[yr + rows, xr - 1 + i + columns].ravel().astype(float)
+            assert found == pytest.approx(float(np.corrcoef(a, b)[0, 1]), abs=1e-12)
+    assert correlations(left, left, 12, 9, 12, 9)[1] == pytest.approx(1.0)
+    assert correlations(left, 255 - left, 12, 9, 12, 9)[1] == pytest.approx(-1.0)
+    assert correlations(left, np.full_like(left, 9), 12, 9, 12, 9) == (-1.0, -1.0, -1.0)
 
 
 def test_the_grid_is_fixed_and_centred() -> None:
@@ -187,6 +194,44 @@ def test_a_slanted_patch_is_aligned_to_hundredths(slant: tuple[float, float], st
     found, quality = align_patch(left, right, make_patch(), x, y, disparity + start)
     assert found == pytest.approx(disparity, abs=0.03)
     assert quality > 0.995
+
+
+def test_patches_are_aligned_up_to_the_sides_of_the_right_image() -> None:
+    ys, xs = np.mgrid[0:60, 0:120].astype(np.float64)
+    left, right = sixteenfold(wave(xs, ys)), sixteenfold(wave(xs + 40.25, ys))
+    for x in (55, 60, 108):
+        found, quality = align_patch(left, right, make_patch(), x, 30, 40.0)
+        assert found == pytest.approx(40.25, abs=0.03)
+        assert quality > 0.995
+    right = sixteenfold(wave(xs + 1.25, ys))
+    assert align_patch(left, right, make_patch(), 107, 30, 1.0)[0] == pytest.approx(1.25, abs=0.03)
+    assert align_patch(left[:, :50], right[:, :50], make_patch(), 25, 30, 1.0)[1] == -1.0
+
+
+def test_sums_of_a_patch_are_those_of_a_slow_reference() -> None:
+    random = np.random.default_rng(8)
+    patch = make_patch()
+    window = random.normal(0.0, 300.0, 11 * 56).astype(np.float32)
+    level, slope = (random.normal(0.0, 300.0, 220).astype(np.float32) for _ in range(2))
+    place, slant_x, slant_y = np.float32(26.3), np.float32(0.2), np.float32(-0.15)
+    sums = np.zeros(6)
+    for j in range(11):
+        for i in range(20):
+            n, across, down = 20 * j + i, i - 9, 2 * j - 10
+            exact = place + (1.0 - slant_x) * across - slant_y * down
+            whole = int(exact)
+            near = window[56 * j + whole - 1 : 56 * j + whole + 3].astype(np.float64)
+            value = catmull_rom(near, exact - whole)
+            terms = (1.0, value, level[n], slope[n], slope[n] * across, slope[n] * down)
+            sums += patch.weight[n] * value * np.array(terms)
+    found = _right_sums(window, place, slant_x, slant_y, patch, level, slope)
+    assert np.allclose(found, sums, rtol=1e-4, atol=1e-4 * np.abs(sums).max())
+
+
+def catmull_rom(p: NDArray[np.float64], f: float) -> float:
+    """Cubic between the second and the third of four values, with half their outer differences."""
+    basis = [[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]
+    return float(0.5 * np.array([1.0, f, f * f, f**3]) @ np.array(basis) @ p)
 
 
 def test_a_patch_that_shows_nothing_is_refused() -> None:
