@@ -300,6 +300,25 @@ def face_evidence(
 
 
 @compiled
+def _reached_by(shares: Array, told: Mask, part: float) -> float:
+    """Return the largest share that this part of the told sections reaches; 0 where none is told.
+
+    (``np.quantile`` would take seconds to compile.)
+    """
+    best = 0.0
+    for i in range(shares.shape[0]):
+        reached = 0
+        count = 0
+        for j in range(shares.shape[0]):
+            if told[j]:
+                count += 1
+                reached += shares[j] >= shares[i]
+        if told[i] and reached >= part * count:
+            best = max(best, shares[i])
+    return best
+
+
+@compiled
 def _exposed(
     points: Array,
     rays: Array,
@@ -328,10 +347,9 @@ def _exposed(
     share = on / np.maximum(seen, 1.0)
     told = seen >= _SECTION_POINTS
     least = _LEAST_ON
-    if np.any(told):
-        # By how many lie on the pipe where it is bare: less where points are poor or growth is all
-        # along. Silt that rises through the pipe's surface has some in place, by chance.
-        least = max(least, _OF_BARE * np.quantile(share[told], _BARE))
+    # By how many lie on the pipe where it is bare: less where points are poor or growth is all
+    # along. Silt that rises through the pipe's surface has some in place, by chance.
+    least = max(least, _OF_BARE * _reached_by(share, told, 1.0 - _BARE))
     for i in range(points.shape[0]):
         k = section[i]
         exposed[i] = not (told[k] and share[k] < least)

@@ -204,7 +204,7 @@ class _MadeUp:
         camera = self._rig.left
         vote_for_cylinders(triangulate(frame.matches, self._rig), self._radius, camera.width)
         lines = contour_candidates(frame.left_segments, camera)
-        pair_hypotheses(lines, camera, self._radius, frame.left_thumbnail)
+        pair_hypotheses(lines, camera, self._radius)
 
     def vectorize(self) -> None:
         """Vectorize the images."""
