@@ -6,7 +6,9 @@
   // Long series are drawn as the least and the greatest of so many parts of what is in view.
   const PARTS = 700;
   const STATES = ["not processed", "searching", "coasting", "tracking"];
-  const narrow = () => window.innerWidth <= 860;
+  // Printed, plots are as wide as a sheet of A4 or Letter, whatever the window was.
+  const PRINTED = 680;
+  const narrow = () => !printing && window.innerWidth <= 860;
   let chosen = 0, printing = false;
 
   // The chosen frame: picture, numbers, film strip. None of it needs the plots.
@@ -36,7 +38,7 @@
       ["lateral offset", number("lateral", 2, " m")],
       ["chainage", number("chainage", 2, " m")],
       ["side", side],
-      ["axis above bed", bed === "? / ?" ? "not known" : bed + " m"],
+      ["axis above bed, port / starboard", bed === "? / ?" ? "not known" : bed + " m"],
     ];
   }
 
@@ -151,7 +153,7 @@
 
   function layout(p, more) {
     const touch = window.matchMedia("(pointer: coarse)").matches;
-    return Object.assign({
+    return Object.assign(printing ? { autosize: false, width: PRINTED } : { autosize: true }, {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: narrow() ? 11 : 12.5, color: p.soft },
       margin: { l: narrow() ? 48 : 62, r: 10, t: 30, b: narrow() ? 132 : 84 },
@@ -159,7 +161,7 @@
       // A finger on a plot scrolls the page; the buttons zoom.
       dragmode: touch ? false : "zoom",
       hoverlabel: { bgcolor: p.paper, bordercolor: p.line, font: { color: p.ink } },
-      legend: Object.assign({ orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" },
+      legend: Object.assign({ orientation: "h", traceorder: "normal", x: 0, y: 0, yref: "container", yanchor: "bottom" },
         narrow() ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
     }, more);
   }
@@ -214,8 +216,10 @@
 
   // Plots whose x axis is the time.
   class TimePlot {
-    constructor(id, bands) {
+    // The box still has its height on the screen when it is drawn for print; page.css has this too.
+    constructor(id, bands, printed) {
       this.box = byId(id);
+      this.printed = printed;
       this.bands = bands;
       this.legend = bands.some((band) => band.lines.some((what) => what.legend));
       this.range = null;
@@ -242,7 +246,8 @@
         xaxis: axis(this.p, "time since the first frame, s", {
           anchor: this.bands.length > 1 ? `y${this.bands.length}` : "y", zeroline: false }) };
       grid.xaxis.range = this.range ? [...this.range] : padded(c.t);
-      return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes,
+      const height = printing ? { height: this.printed } : {};
+      return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes, height,
         { margin: { l: narrow() ? 68 : 80, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
     }
 
@@ -343,12 +348,20 @@
         name: "chosen frame", hoverinfo: "skip", marker: { size: [11, 11], color: p.red,
           symbol: ["circle-open", "diamond-open"], line: { width: 2.5 } },
         line: { color: p.red, width: 1, dash: "dot" } }, made.spot())]);
+      if (made.size) { this.fit(...made.size); }
       if (this.ranges) {
         made.layout.xaxis.range = this.ranges[0];
         made.layout.yaxis.range = this.ranges[1];
       }
       return Plotly.react(this.box, traces, layout(p, Object.assign({ hovermode: "closest" },
         made.layout)), config());
+    }
+
+    // A long way that hardly bends leaves most of a plot of equal scales empty: less height.
+    fit(across, up) {
+      const width = (printing ? PRINTED : this.box.clientWidth) - 72;
+      const wanted = 1.2 * width * up / across + (narrow() ? 162 : 114);
+      this.box.style.height = `${Math.round(Math.min(420, Math.max(290, wanted)))}px`;
     }
 
     mark() {
@@ -438,8 +451,13 @@
         { name: "vehicle, pipe lost", mode: "lines", showlegend: true,
           line: { color: p.red, width: 3, dash: "dot" }, hovertemplate: hover("not valid") }));
     }
+    const extent = (...all) => {
+      const known = all.flat().filter((v) => v !== null);
+      return known.reduce((a, v) => Math.max(a, v)) - known.reduce((a, v) => Math.min(a, v));
+    };
     const within = (v, range) => v !== null && v >= Math.min(...range) && v <= Math.max(...range);
-    return { traces,
+    const size = [extent(c.ownX, x), extent(c.ownY, y) + 2 * data.radius];
+    return { traces, size: size[0] > 0 ? size : null,
       spot: () => ({ x: [c.ownX[chosen], c.pipeX[chosen]], y: [c.ownY[chosen], c.pipeY[chosen]] }),
       inside: (k, xs, ys) => (within(c.pipeX[k], xs) && within(c.pipeY[k], ys))
         || (within(c.ownX[k], xs) && within(c.ownY[k], ys)),
@@ -532,10 +550,10 @@
     const library = document.createElement("script");
     library.textContent = await unpacked();
     document.head.append(library);
-    if (byId("timelines")) { figures.push(new TimePlot("timelines", timeLines())); }
+    if (byId("timelines")) { figures.push(new TimePlot("timelines", timeLines(), 560)); }
     if (byId("plan")) { figures.push(new WayPlot("plan", plan)); }
     if (byId("profile")) { figures.push(new WayPlot("profile", profile)); }
-    if (byId("errorlines")) { figures.push(new TimePlot("errorlines", errorLines())); }
+    if (byId("errorlines")) { figures.push(new TimePlot("errorlines", errorLines(), 400)); }
     for (const figure of figures) {
       await figure.draw();
       figure.listen();

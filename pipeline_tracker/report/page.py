@@ -132,7 +132,7 @@ def _tiles(record: Record, evaluation: Evaluation | None) -> list[tuple[str, str
         mean = evaluation.groups["all"].divergence.total.mean
         if mean is not None:
             tiles.append(("mean error, both ends", f"{100.0 * mean:.2f}", "cm"))
-        tiles.append(("false valid", str(evaluation.counts.false_valid), ""))
+        tiles.append(("valid but wrong", str(evaluation.counts.false_valid), "frames"))
     return tiles
 
 
@@ -175,6 +175,7 @@ def _frames(main: ET.Element, record: Record) -> None:
     key = add(player, "p", class_="key")
     for name, what in (
         ("left", "contour to port"), ("right", "contour to starboard"), ("axis", "axis, ahead"),
+        ("missing", "dashed: expected there, not found"),
     ):  # fmt: skip
         add(key, "span", what, class_=name)
     _strip(section, record)
@@ -240,14 +241,15 @@ def _stretches(main: ET.Element, record: Record) -> None:
         "p",
         "How the pipe lies is judged by the bed on both sides of it, where the pictures show it: "
         "a hint, no survey. Positive clearance: the bed beside the pipe lies so far below it; "
-        "negative: so much of the pipe is below the bed beside it.",
+        "negative: so much of the pipe is below the bed beside it. Axis above bed: to port / to "
+        "starboard.",
         class_="hint",
     )
     shown = record.stretches[:_MOST_STRETCHES]
     box = add(section, "div", class_="scroll", tabindex="0", role="region", aria_label="Stretches")
     table = add(box, "table")
     head = add(add(table, "thead"), "tr")
-    for name in ("from", "to", "length", "state", "lies", "clearance", "axis above bed", "time",
+    for name in ("chainage from", "to", "length", "state", "lies", "clearance", "axis above bed", "time",
                  "frames", "why"):  # fmt: skip
         add(head, "th", name, scope="col")
     body = add(table, "tbody")

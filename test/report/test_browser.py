@@ -228,6 +228,31 @@ def test_a_phone_has_room_enough_and_dark_is_dark(browser: Browser, sea: Path) -
     assert browser.errors() == []
 
 
+def test_on_paper_plots_fit_the_sheet_and_cover_nothing(browser: Browser, sea: Path) -> None:
+    browser.open(sea)
+    # A4 with the margins of page.css has 703 px.
+    metrics = {"width": 703, "height": 1032, "deviceScaleFactor": 1, "mobile": False}
+    browser.run("dispatchEvent(new Event('beforeprint'))")
+    browser.command("Emulation.setDeviceMetricsOverride", metrics)
+    browser.command("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        drawn = browser.wait(
+            "const boxes = [...document.querySelectorAll('.plot')].map(box => ["
+            " box.querySelector('.main-svg').getBoundingClientRect(), box.getBoundingClientRect()]);"
+            "return innerWidth === 703 && boxes.map(([svg, box]) =>"
+            " [svg.right, svg.bottom - box.bottom, box.height])"
+        )
+        assert len(drawn) == 3
+        for right, below, height in drawn:
+            assert right <= 703
+            assert below <= 0.5
+            assert height > 200
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    finally:
+        browser.command("Emulation.setEmulatedMedia", {"media": ""})
+        browser.run("dispatchEvent(new Event('afterprint'))")
+
+
 EVIL = '<img src=x onerror="document.title=1"><script>alert(1)<'
 
 
