@@ -249,8 +249,8 @@ def _stretches(main: ET.Element, record: Record) -> None:
     box = add(section, "div", class_="scroll", tabindex="0", role="region", aria_label="Stretches")
     table = add(box, "table")
     head = add(add(table, "thead"), "tr")
-    for name in ("chainage from", "to", "length", "state", "lies", "clearance", "axis above bed", "time",
-                 "frames", "why"):  # fmt: skip
+    for name in ("chainage from", "to", "length", "state", "lies", "clearance", "axis above bed",
+                 "time", "frames", "why"):  # fmt: skip
         add(head, "th", name, scope="col")
     body = add(table, "tbody")
     for stretch in shown:

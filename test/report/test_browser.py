@@ -237,8 +237,9 @@ def test_on_paper_plots_fit_the_sheet_and_cover_nothing(browser: Browser, sea: P
     browser.command("Emulation.setEmulatedMedia", {"media": "print"})
     try:
         drawn = browser.wait(
-            "const boxes = [...document.querySelectorAll('.plot')].map(box => ["
-            " box.querySelector('.main-svg').getBoundingClientRect(), box.getBoundingClientRect()]);"
+            "const edges = (e) => e.getBoundingClientRect();"
+            "const boxes = [...document.querySelectorAll('.plot')].map(box =>"
+            " [edges(box.querySelector('.main-svg')), edges(box)]);"
             "return innerWidth === 703 && boxes.map(([svg, box]) =>"
             " [svg.right, svg.bottom - box.bottom, box.height])"
         )
