@@ -142,6 +142,7 @@ def _evaluate(directory: Path, truth: Path, talk: Talk, *, plots: bool, worst: i
 
     _tell_settings(directory, talk)
     evaluate_command(directory, truth, talk.console(), plots=plots, worst=worst)
+    talk.say(f"Next: the errors in report.html too: pipeline-tracker report {directory}")
     return DONE
 
 
