@@ -216,11 +216,15 @@
 
   // Plots whose x axis is the time.
   class TimePlot {
-    // The box still has its height on the screen when it is drawn for print; page.css has this too.
+    // Drawn for print, a box still has its height on the screen; page.css has that on paper too.
     constructor(id, bands, printed) {
       this.box = byId(id);
-      this.printed = printed;
-      this.bands = bands;
+      // What is never known needs no room; state and quality always are.
+      this.bands = bands.filter(({ lines }) => lines.some(({ y }) => y.some((v) => v !== null)));
+      const shares = (all) => all.reduce((sum, band) => sum + band.share, 0);
+      const left = (0.2 * shares(bands) + shares(this.bands)) / (1.2 * shares(bands));
+      this.printed = Math.round(left * printed);
+      if (left < 1) { this.box.style.height = `${Math.round(left * this.box.clientHeight)}px`; }
       this.legend = bands.some((band) => band.lines.some((what) => what.legend));
       this.range = null;
     }
@@ -253,15 +257,13 @@
 
     add(traces, what, yaxis, first, last) {
       const kept = thin(what.y, first, last), x = pick(c.t, kept), y = pick(what.y, kept);
-      const colour = this.p[what.colour], base = { yaxis, hoverinfo: "skip" };
+      const colour = this.p[what.colour];
       if (what.sigma) {
         const about = what.centre || what.y;
         const edge = (sign) => kept.map((k) => about[k] === null || what.sigma[k] === null ? null
           : about[k] + sign * 1.96 * what.sigma[k]);
-        const none = { mode: "lines", line: { width: 0 } };
-        traces.push(line(x, edge(-1), kept, Object.assign({}, base, none)));
-        traces.push(line(x, edge(1), kept, Object.assign({}, base, none,
-          { fill: "tonexty", fillcolor: faint(colour, 0.2) })));
+        traces.push(Object.assign(
+          filled(undefined, ribbon(x, edge(-1), edge(1)), faint(colour, 0.2), false), { yaxis }));
       }
       traces.push(line(x, y, kept, Object.assign({ yaxis, name: what.name, line: {
         color: colour, width: 1.6, dash: what.dash, shape: what.step ? "hvh" : "linear" },
@@ -332,9 +334,10 @@
 
   // Plan and profile. Polygons about the axis are broken where the pipe was not followed.
   class WayPlot {
-    constructor(id, make) {
+    constructor(id, make, printed) {
       this.box = byId(id);
       this.make = make;
+      this.printed = printed;
       this.rows = [0, rows - 1];
       this.ranges = null;
     }
@@ -354,14 +357,15 @@
         made.layout.yaxis.range = this.ranges[1];
       }
       return Plotly.react(this.box, traces, layout(p, Object.assign({ hovermode: "closest" },
-        made.layout)), config());
+        printing ? { height: this.printed } : {}, made.layout)), config());
     }
 
     // A long way that hardly bends leaves most of a plot of equal scales empty: less height.
     fit(across, up) {
       const width = (printing ? PRINTED : this.box.clientWidth) - 72;
       const wanted = 1.2 * width * up / across + (narrow() ? 162 : 114);
-      this.box.style.height = `${Math.round(Math.min(420, Math.max(290, wanted)))}px`;
+      this.printed = Math.round(Math.min(420, Math.max(290, wanted)));
+      this.box.style.height = `${this.printed}px`;
     }
 
     mark() {
@@ -407,6 +411,20 @@
     });
     close();
     return { x, y };
+  }
+
+  // A closed band between two lines, one polygon for each run without a gap.
+  function ribbon(x, low, high) {
+    const xs = [], ys = [];
+    for (let k = 0; k < x.length; k++) {
+      const first = k;
+      while (k < x.length && low[k] !== null) { k++; }
+      if (k - first < 2) { continue; }
+      const run = span(first, k - 1), back = [...run].reverse();
+      xs.push(...pick(x, run), ...pick(x, back), x[first], null);
+      ys.push(...pick(low, run), ...pick(high, back), low[first], null);
+    }
+    return { x: xs, y: ys };
   }
 
   function filled(name, shape, colour, legend) {
@@ -486,8 +504,9 @@
           faint(p.blue, 0.55), true),
         line(pick(x, kept), pick(z, kept), kept, { name: "axis", line: { color: p.blue, width: 1.6 },
           marker: { size: 4, color: p.blue }, hovertemplate: hover("axis"), showlegend: true }),
-        bedLine("bedLeft", "bed to port", "solid", "triangle-up"),
-        bedLine("bedRight", "bed to starboard", "dash", "triangle-down"),
+        ...["bedLeft", "bedRight"].filter((side) => c[side].some((v) => v !== null)).map((side) =>
+          side === "bedLeft" ? bedLine(side, "bed to port", "solid", "triangle-up")
+            : bedLine(side, "bed to starboard", "dash", "triangle-down")),
         line(pick(c.chainage, own), pick(c.ownZ, own), own, { name: "vehicle", mode: "lines",
           line: { color: p.green, width: 1.6 }, hovertemplate: hover("vehicle"), showlegend: true }),
       ],
@@ -551,8 +570,8 @@
     library.textContent = await unpacked();
     document.head.append(library);
     if (byId("timelines")) { figures.push(new TimePlot("timelines", timeLines(), 560)); }
-    if (byId("plan")) { figures.push(new WayPlot("plan", plan)); }
-    if (byId("profile")) { figures.push(new WayPlot("profile", profile)); }
+    if (byId("plan")) { figures.push(new WayPlot("plan", plan, 420)); }
+    if (byId("profile")) { figures.push(new WayPlot("profile", profile, 360)); }
     if (byId("errorlines")) { figures.push(new TimePlot("errorlines", errorLines(), 400)); }
     for (const figure of figures) {
       await figure.draw();

@@ -25,9 +25,12 @@ _IN_WORDS = {
 
 def in_words(reason: str) -> str:
     """Return a reason, or several joined by commas, for a person."""
-    if reason in _IN_WORDS:
-        return _IN_WORDS[reason]
-    return ", ".join(_IN_WORDS.get(part, part.replace("_", " ")) for part in reason.split(", "))
+    return ", ".join(_IN_WORDS.get(part, part.replace("_", " ")) for part in parts_of(reason))
+
+
+def parts_of(reason: str) -> list[str]:
+    """Return the reasons that are joined by commas, those that tell one thing together as one."""
+    return [reason] if reason in _IN_WORDS else reason.split(", ")
 
 
 def count(number: int, what: str, plural: str = "s") -> str:

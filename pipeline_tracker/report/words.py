@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from statistics import median
 
-from pipeline_tracker.report.reasons import count, in_words
+from pipeline_tracker.report.reasons import count, in_words, parts_of
 from pipeline_tracker.report.record import Record, seconds_of
 from pipeline_tracker.report.stretches import Course, Lie, Stretch
 
@@ -161,7 +161,8 @@ def _gap(record: Record, gap: Sequence[Stretch]) -> str:
 def _told(gap: Sequence[Stretch]) -> str:
     reasons: Counter[str] = Counter()
     for stretch in gap:
-        reasons.update(dict(stretch.reasons))
+        for reason, frames in stretch.reasons:
+            reasons.update(dict.fromkeys(parts_of(reason), frames))
     told = "; ".join(in_words(reason) for reason, _ in reasons.most_common(2))
     return f" ({told})" if told else ""
 
