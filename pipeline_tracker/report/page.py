@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import platform
+import re
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from functools import cache
@@ -101,9 +102,9 @@ def _head(main: ET.Element, record: Record) -> None:
 def _summary(main: ET.Element, record: Record, evaluation: Evaluation | None) -> None:
     section = add(main, "section", class_="summary", aria_label="Summary")
     first, *rest = words.summary(record)
-    add(section, "p", first, class_="lead")
+    add(section, "p", _tied(first), class_="lead")
     for sentence in rest:
-        add(section, "p", sentence)
+        add(section, "p", _tied(sentence))
     for note in words.notes(record):
         add(section, "p", note, class_="note")
     tiles = add(section, "dl", class_="tiles")
@@ -111,6 +112,11 @@ def _summary(main: ET.Element, record: Record, evaluation: Evaluation | None) ->
         tile = add(tiles, "div")
         add(tile, "dt", name)
         add(add(tile, "dd", value), "span", f" {unit}" if unit else "")
+
+
+def _tied(sentence: str) -> str:
+    """Return a sentence whose numbers stay with their units where a line ends."""
+    return re.sub(r"(?<=\d) (?=(?:s|m|cm|h|min|frames?)\b|%)", "\N{NO-BREAK SPACE}", sentence)
 
 
 def _tiles(record: Record, evaluation: Evaluation | None) -> list[tuple[str, str, str]]:
