@@ -294,7 +294,7 @@ def test_pyproj_is_named_where_it_is_missing(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(PipelineTrackerError, match=r"pip install 'pipeline-tracker\[export\]'"):
+    with pytest.raises(PipelineTrackerError, match=r"pip install '\.\[export\]'"):
         export(out, "geojson", tmp_path / "x", [ORIGIN])
     assert isinstance(export(out, "csv", tmp_path), ExportOutcome), "tables do without"
 
