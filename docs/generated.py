@@ -22,11 +22,14 @@ def topics_table() -> str:
     enclave = policy.find("enclaves/enclave")
     if enclave is None:
         raise ValueError("config/sros2/policy.xml has no enclave")
-    for profile in enclave.iter("profile"):
+    profiles = list(enclave.iter("profile"))
+    services = [{str(s.text) for s in p.findall("services/service")} for p in profiles]
+    shared = set.intersection(*services).union(_SHARED)
+    for profile in profiles:
         cells = [f"`{profile.get('node')}`"]
         for path in ("topics[@subscribe]/topic", "topics[@publish]/topic", "services/service"):
             names = [str(found.text) for found in profile.findall(path)]
-            shown = [name for name in names if name not in _SHARED and "parameter" not in name]
+            shown = [name for name in names if name not in shared and "parameter" not in name]
             cells.append(", ".join(f"`{name}`" for name in shown))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

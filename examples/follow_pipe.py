@@ -51,7 +51,6 @@ _SUBSTEPS = 10
 _READY_WITHIN, _ANSWER_WITHIN = 120.0, 60.0
 _COLUMNS = ("time", "x", "y", "z", "along", "cross_track", "distance", "valid", "surge", "yaw_rate")
 _SEA = (
-    "frames=2",
     "camera.jpeg_quality=null",
     "path.lateral_start=0.4",
     "path.lateral_end=0.4",
@@ -233,7 +232,9 @@ def follow(length: float, width: int, seed: int, gains: Gains) -> list[dict[str,
         TimeoutError: the nodes do not answer.
     """
     size = [f"camera.width={width}", f"camera.height={2 * width // 3}"]
-    way = [f"path.speed={length / PERIOD}", f"path.period={PERIOD}"]
+    # The sea reaches as far as a dive of so many frames would.
+    frames = 1 + math.ceil(length / (gains.speed * PERIOD))
+    way = [f"frames={frames}", f"path.speed={gains.speed}", f"path.period={PERIOD}"]
     sea = build_sea(load_scenario("silted", [*_SEA, *size, *way], seed))
     vehicle = Vehicle(_start(sea), np.zeros(3), np.array([0.0, 0.03, 0.0]))
     navigation = Navigation(np.random.default_rng(seed))
@@ -247,7 +248,7 @@ def follow(length: float, width: int, seed: int, gains: Gains) -> list[dict[str,
             command = Command(surge=gains.speed)
             world.tick(FIRST - SECOND // 10, navigation.see(vehicle.pose))
             frame, stamp = 0, FIRST
-            while _along(sea, vehicle) < length and frame < 3 * length / (gains.speed * PERIOD):
+            while _along(sea, vehicle) < length and frame < 3 * frames:
                 world.tick(stamp, navigation.see(vehicle.pose))
                 state = world.look(stamp, frame, vehicle.pose)
                 now = frame * PERIOD

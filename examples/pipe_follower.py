@@ -45,7 +45,8 @@ class Gains:
         speed: along the pipe, m/s.
         distance: of base_link from the pipe's surface, m.
         lookahead: way to the point that it steers for, m.
-        turn: yaw rate for an error of the course, 1/s.
+        turn: yaw rate for an error of the course, 1/s; with the heading half a second old and a
+            vehicle that answers late, more makes it swing.
         climb: vertical speed for an error of the distance, 1/s.
         most_yaw_rate, most_heave: never more than these, rad/s and m/s.
         hold: without a valid state it goes straight on for so long, s; then it stops.
@@ -53,8 +54,8 @@ class Gains:
 
     speed: float = 0.4
     distance: float = 2.0
-    lookahead: float = 1.2
-    turn: float = 0.8
+    lookahead: float = 2.0
+    turn: float = 0.5
     climb: float = 0.5
     most_yaw_rate: float = 0.35
     most_heave: float = 0.2

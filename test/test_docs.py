@@ -122,5 +122,7 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
         "min_distance",
     ):
         assert word in page
+    assert "set_reference" in page
+    assert "change_state" not in page, "what all nodes have is left out"
     # Nothing is fetched from elsewhere by the page itself.
     assert not re.findall(r'(?:src|href)="https?://[^"]+\.(?:js|css|woff2?)"', page)

@@ -113,7 +113,7 @@ def test_film_says_what_is_missing_where_nothing_can_encode(
 ) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     monkeypatch.setattr(cv2.VideoWriter, "fourcc", lambda *_: 0x20202020)
-    with pytest.raises(PipelineTrackerError, match=r"pip install 'pipeline-tracker\[video\]'"):
+    with pytest.raises(PipelineTrackerError, match=r"pip install '\.\[video\]'"):
         film(place / "out", tmp_path / "film.mp4")
 
 

@@ -71,5 +71,5 @@ def _distributed() -> Any:
     except ImportError as error:
         raise PipelineTrackerError(
             f"--scheduler needs dask.distributed, which cannot be imported ({error}); install the "
-            "extra: pip install 'pipeline-tracker[cluster]'"
+            "extra: pip install '.[cluster]' in the clone"
         ) from None

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from functools import partial, wraps
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
@@ -25,18 +25,18 @@ Task = Callable[[Talk], int]
 Bag = Annotated[Path, typer.Argument(metavar="BAG", help="Directory or .mcap file of a bag.")]
 Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Output of a replay.")]
 Config = Annotated[
-    Optional[Path],  # noqa: UP045 - typer reads it on Python 3.10 too
+    Path | None,
     typer.Option("--config", metavar="FILE", help="YAML file of settings."),
 ]
 Set = Annotated[
-    Optional[list[str]],  # noqa: UP045
+    list[str] | None,
     typer.Option(
         "--set", metavar="KEY=VALUE", help="A setting, such as pipe.diameter=0.6; repeatable."
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 RosArgs = Annotated[
-    Optional[list[str]],  # noqa: UP045
+    list[str] | None,
     typer.Argument(metavar="[--ros-args ...]", help="ROS's own arguments: remappings, namespace."),
 ]
 Quiet = Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -31,7 +31,7 @@ from pipeline_tracker.cli.talk import Talk, hand_over
 def replay(  # noqa: PLR0913, PLR0917 - its options are read from here
     bag: Bag,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--output", metavar="DIR", help="Directory to write; by default NAME_tracked here."
         ),
@@ -49,7 +49,7 @@ def replay(  # noqa: PLR0913, PLR0917 - its options are read from here
         bool, typer.Option("--recognition-only", help="Each frame by itself, no tracking.")
     ] = False,
     technique: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--technique", metavar="1|2|3|4", help="Technique of recognition."),
     ] = None,
 ) -> Task:
@@ -83,7 +83,7 @@ def info(
 def salvage(
     bag: Bag,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--output", metavar="DIR", help="Directory of the bag to write."),
     ] = None,
 ) -> Task:

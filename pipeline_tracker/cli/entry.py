@@ -37,6 +37,8 @@ def _root(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
+    # Else Numba, where colorama is installed, ends what is said on a terminal with a colour code.
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     sys.exit(run_command(sys.argv[1:] if arguments is None else arguments))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -34,7 +34,7 @@ def run(
         bool, typer.Option("--separate", help="One process for each node.")
     ] = False,
     record: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--record", metavar="DIR", help="Record the results to a bag."),
     ] = None,
     record_images: Annotated[

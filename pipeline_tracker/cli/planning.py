@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
@@ -40,11 +40,11 @@ def limits(
     ] = "0.7",
     speed: Annotated[str, typer.Option("--speed", metavar="M/S", help="Of the vehicle.")] = "1",
     time: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--time", metavar="MS", help="What a frame takes; exit 1 if it is too long."),
     ] = None,
     plot: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--plot", metavar="FILE", help="Draw it over height and speed: PNG, SVG, PDF."
         ),
@@ -64,29 +64,29 @@ def limits(
 )
 def bench(
     json_file: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--json", metavar="FILE", help="Write the figures as JSON."),
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Measure live nodes over DDS too.")] = False,
     images: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--images", metavar="BAG", help="Bag to measure with; by default the demo."),
     ] = None,
     settings: Set = None,
     sizes: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--sizes", metavar="WxH,...", help="Sizes to resize the images to."),
     ] = None,
     repeat: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--repeat", metavar="N", help="Rounds; 30, 10 above 2 million pixels."),
     ] = None,
     frames: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--frames", metavar="N", help="Watch the memory over N tracked pairs."),
     ] = None,
     plots: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--plots", metavar="DIR", help="Measure growth; draw it and a flame graph."),
     ] = None,
 ) -> Task:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 
@@ -29,16 +29,16 @@ _MOST_FRAMES = 100
 )
 def evaluate(
     directory: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Argument(metavar="DIR", help="Output of a replay."),
     ] = None,
     truth: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--truth", metavar="BAG", help="Bag with the truth."),
     ] = None,
     plots: Annotated[bool, typer.Option(help="Draw the errors, coverage and states.")] = True,
     worst: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--worst", metavar="N", help="Draw the N worst frames with their truth."),
     ] = None,
     schema: Annotated[
@@ -62,7 +62,7 @@ def evaluate(
 def report(
     directory: Directory,
     truth: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--truth", metavar="BAG", help="Bag with the truth, to show the errors."),
     ] = None,
 ) -> Task:
@@ -77,22 +77,22 @@ def report(
 def overlay(
     directory: Directory,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--output", metavar="FILE.mp4", help="Film to write; or a directory for PNG files."
         ),
     ] = None,
     bag: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--bag", metavar="BAG", help="The replayed bag, where it was moved."),
     ] = None,
     every: Annotated[str, typer.Option("--every", metavar="N", help="Show one of N frames.")] = "1",
     from_: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--from", metavar="S", help="Begin so many seconds after the first image."),
     ] = None,
     to: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--to", metavar="S", help="End so many seconds after the first image."),
     ] = None,
     rate: Annotated[
@@ -119,11 +119,11 @@ def overlay(
 def export(
     directory: Directory,
     format_: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--format", metavar="csv|geojson", help="Tables, or a map."),
     ] = None,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--output", metavar="PATH", help="GeoJSON: file; CSV: directory. By default in DIR."
         ),
@@ -142,6 +142,7 @@ def _evaluate(directory: Path, truth: Path, talk: Talk, *, plots: bool, worst: i
 
     _tell_settings(directory, talk)
     evaluate_command(directory, truth, talk.console(), plots=plots, worst=worst)
+    talk.say(f"Next: the errors in report.html too: pipeline-tracker report {directory}")
     return DONE
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -29,21 +29,21 @@ _MOST_JOBS = 256
 )
 def simulate(
     scenario: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file."),
     ] = None,
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option("--output", metavar="BAG", help="Directory of the bag to write."),
     ] = None,
     settings: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option(
             "--set", metavar="KEY=VALUE", help="A value of the scenario, such as frames=6."
         ),
     ] = None,
     seed: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--seed", metavar="N", help="Another sea of the same kind."),
     ] = None,
     list_: Annotated[bool, typer.Option("--list", help="List the scenarios.")] = False,
@@ -68,17 +68,17 @@ def benchmark(
         Path, typer.Argument(metavar="MANIFEST", help="YAML file: scenarios x seeds x settings.")
     ],
     output: Annotated[
-        Optional[Path],  # noqa: UP045
+        Path | None,
         typer.Option(
             "--output", metavar="DIR", help="Directory to write; by default NAME_benchmark here."
         ),
     ] = None,
     jobs: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option("--jobs", metavar="N", help="Number of processes on this machine; 1."),
     ] = None,
     scheduler: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(
             "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work."
         ),

@@ -22,6 +22,8 @@ _EXTRAS = {
     "sim": ("embreex", "trimesh"),
     "bench": ("psutil", "skimage"),
     "cluster": ("distributed",),
+    "export": ("pyproj",),
+    "video": ("av",),
 }
 _LEAST_MEMORY = 1.0e9
 _KIB = 1024
@@ -63,8 +65,8 @@ def libraries() -> Iterator[Finding]:
     there = [extra for extra, modules in missing.items() if not modules]
     absent = [extra for extra, modules in missing.items() if modules]
     # Nobody needs all of them: that one is not there is no fault.
-    advice = f"Where needed: pip install 'pipeline_tracker[{','.join(absent)}]'" if absent else ""
-    yield Finding("ok", "extras", f"installed: {', '.join(there) or 'none'}", advice)
+    advice = f"Where needed: pip install '.[{','.join(absent)}]' in the clone" if absent else ""
+    yield Finding("ok", "extras", ", ".join(there) or "none", advice)
 
 
 def _opencv() -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from pipeline_tracker.export.errors import ExportError
 from pipeline_tracker.export.geodesy import Georeference
 from pipeline_tracker.export.geojson import feature_collection
 from pipeline_tracker.export.tables import COLUMNS, GEODETIC, PLACE, Row, Tables, make_tables
+from pipeline_tracker.report.reasons import count
 from pipeline_tracker.report.record import read_record
 from pipeline_tracker.settings import ExportSettings
 from pipeline_tracker.settings_io import load_settings
@@ -41,8 +42,9 @@ class ExportOutcome:
         """Return it for a person."""
         tables = self.tables
         return (
-            f"written: {', '.join(map(str, self.files))}: {len(tables.centreline)} points of the "
-            f"centreline, {len(tables.stretches)} stretches, {len(tables.events)} events"
+            f"written: {', '.join(map(str, self.files))}: "
+            f"{count(len(tables.centreline), 'point')} of the centreline, "
+            f"{count(len(tables.stretches), 'stretch', 'es')}, {count(len(tables.events), 'event')}"
         )
 
 
@@ -133,7 +135,7 @@ def _write_csv(directory: Path, tables: Tables, *, force: bool) -> tuple[Path, .
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS[name])
             rows: list[Row] = getattr(tables, name)
-            writer.writerows([_cell(row.get(c)) for c in COLUMNS[name]] for row in rows)
+            writer.writerows([_cell(c, row.get(c)) for c in COLUMNS[name]] for row in rows)
     return tuple(paths.values())
 
 
@@ -142,8 +144,10 @@ def _check_free(path: Path, *, force: bool) -> None:
         raise ExportError(f"{path}: is there already; name another, or replace it with --force")
 
 
-def _cell(value: Any) -> str:
+def _cell(column: str, value: Any) -> str:
     if value is None:
         return ""
-    # 9 digits after the point: 0.1 mm of a latitude.
-    return f"{value:.9f}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    # 0.1 mm of a latitude, 1 um of all else.
+    return f"{value:.9f}" if column in ("latitude", "longitude") else f"{value:.6f}"

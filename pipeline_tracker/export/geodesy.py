@@ -31,7 +31,7 @@ class Georeference:
         except ImportError:
             raise ExportError(
                 "places on the earth need pyproj, which is not installed; install the extra: pip "
-                "install 'pipeline-tracker[export]'"
+                "install '.[export]' in the clone"
             ) from None
         assert settings.origin is not None  # noqa: S101 - the caller has looked
         latitude, longitude, height = settings.origin

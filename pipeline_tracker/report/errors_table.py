@@ -24,6 +24,13 @@ def add_errors(main: ET.Element, evaluation: Evaluation) -> None:
     add(section, "h2", "Errors against the truth", id="errors")
     for sentence in truth_in_words(evaluation):
         add(section, "p", sentence)
+    add(
+        section,
+        "p",
+        "A frame's errors: both ends of the published piece of the axis from the true axis (sum), "
+        "distance and heading (estimate less truth; bands: 95 % as the estimates have it).",
+        class_="hint",
+    )
     add(section, "div", id="errorlines", class_="plot", role="img",
         aria_label="Errors over time")  # fmt: skip
     heads = ["group", "frames", "horizontal, cm", "vertical, cm", "total, cm", "in 95 % region"]
@@ -68,7 +75,8 @@ def truth_in_words(evaluation: Evaluation) -> list[str]:
 def _group(name: str, figures: GroupFigures) -> list[str]:
     spread = figures.divergence
     parts = [_mean_max(part) for part in (spread.horizontal, spread.vertical, spread.total)]
-    title = "all valid" if name == "all" else name.replace("_", " ")
+    title = {"all": "all valid", "technique_4": "technique 4, joint fit"}.get(name, name)
+    title = title.replace("_", " ")
     return [title, str(figures.frames), *parts, _share(figures.coverage_95.share)]
 
 
@@ -79,7 +87,7 @@ def _mean_max(spread: MeanMax) -> str:
 
 
 def _number(value: float | None, factor: float) -> str:
-    return "" if value is None else f"{round(value * factor, 3) + 0.0:.3f}"
+    return "" if value is None else f"{round(value * factor, 2) + 0.0:.2f}"
 
 
 def _share(value: float | None) -> str:

@@ -29,6 +29,7 @@ def write_limits_plot(plan: Plan, file: Path, spent: float | None = None) -> Non
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - slow to import
     from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.ticker import FormatStrFormatter  # noqa: PLC0415
 
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -45,13 +46,17 @@ def write_limits_plot(plan: Plan, file: Path, spent: float | None = None) -> Non
     axes.plot(plan.altitude, 1e3 * plan.time, "o", color=_COLOURS[2], markersize=8)
     label = f"t2 = {1e3 * plan.time:.0f} ms"
     place = (plan.altitude, 1e3 * plan.time)
-    axes.annotate(label, place, (-8, 8), textcoords="offset points", ha="right")
+    axes.annotate(
+        label, place, (-8, 8), textcoords="offset points", ha="right",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
+    )  # fmt: skip
     if spent is not None:
         axes.axhline(1e3 * spent, color="#555555", linestyle="--", linewidth=1.0)
         place = (float(heights[-1]), 1e3 * spent)
         label = f"t1 = {1e3 * spent:.0f} ms"
         axes.annotate(label, place, (0, 4), textcoords="offset points", ha="right")
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%d"))
     axes.set_xlabel("camera above the pipe, m")
     axes.set_ylabel("time that a frame may take, ms")
     axes.set_title(

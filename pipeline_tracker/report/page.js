@@ -6,7 +6,9 @@
   // Long series are drawn as the least and the greatest of so many parts of what is in view.
   const PARTS = 700;
   const STATES = ["not processed", "searching", "coasting", "tracking"];
-  const narrow = () => window.innerWidth <= 860;
+  // Printed, plots are as wide as a sheet of A4 or Letter, whatever the window was.
+  const PRINTED = 680;
+  const narrow = () => !printing && window.innerWidth <= 860;
   let chosen = 0, printing = false;
 
   // The chosen frame: picture, numbers, film strip. None of it needs the plots.
@@ -36,7 +38,7 @@
       ["lateral offset", number("lateral", 2, " m")],
       ["chainage", number("chainage", 2, " m")],
       ["side", side],
-      ["axis above bed", bed === "? / ?" ? "not known" : bed + " m"],
+      ["axis above bed, port / starboard", bed === "? / ?" ? "not known" : bed + " m"],
     ];
   }
 
@@ -151,7 +153,7 @@
 
   function layout(p, more) {
     const touch = window.matchMedia("(pointer: coarse)").matches;
-    return Object.assign({
+    return Object.assign(printing ? { autosize: false, width: PRINTED } : { autosize: true }, {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: "system-ui, sans-serif", size: narrow() ? 11 : 12.5, color: p.soft },
       margin: { l: narrow() ? 48 : 62, r: 10, t: 30, b: narrow() ? 132 : 84 },
@@ -159,7 +161,7 @@
       // A finger on a plot scrolls the page; the buttons zoom.
       dragmode: touch ? false : "zoom",
       hoverlabel: { bgcolor: p.paper, bordercolor: p.line, font: { color: p.ink } },
-      legend: Object.assign({ orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" },
+      legend: Object.assign({ orientation: "h", traceorder: "normal", x: 0, y: 0, yref: "container", yanchor: "bottom" },
         narrow() ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
     }, more);
   }
@@ -214,9 +216,15 @@
 
   // Plots whose x axis is the time.
   class TimePlot {
-    constructor(id, bands) {
+    // Drawn for print, a box still has its height on the screen; page.css has that on paper too.
+    constructor(id, bands, printed) {
       this.box = byId(id);
-      this.bands = bands;
+      // What is never known needs no room; state and quality always are.
+      this.bands = bands.filter(({ lines }) => lines.some(({ y }) => y.some((v) => v !== null)));
+      const shares = (all) => all.reduce((sum, band) => sum + band.share, 0);
+      const left = (0.2 * shares(bands) + shares(this.bands)) / (1.2 * shares(bands));
+      this.printed = Math.round(left * printed);
+      if (left < 1) { this.box.style.height = `${Math.round(left * this.box.clientHeight)}px`; }
       this.legend = bands.some((band) => band.lines.some((what) => what.legend));
       this.range = null;
     }
@@ -242,21 +250,20 @@
         xaxis: axis(this.p, "time since the first frame, s", {
           anchor: this.bands.length > 1 ? `y${this.bands.length}` : "y", zeroline: false }) };
       grid.xaxis.range = this.range ? [...this.range] : padded(c.t);
-      return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes,
+      const height = printing ? { height: this.printed } : {};
+      return Plotly.react(this.box, traces, layout(this.p, Object.assign(grid, axes, height,
         { margin: { l: narrow() ? 68 : 80, r: 10, t: 30, b: this.legend ? 76 : 44 } })), config());
     }
 
     add(traces, what, yaxis, first, last) {
       const kept = thin(what.y, first, last), x = pick(c.t, kept), y = pick(what.y, kept);
-      const colour = this.p[what.colour], base = { yaxis, hoverinfo: "skip" };
+      const colour = this.p[what.colour];
       if (what.sigma) {
         const about = what.centre || what.y;
         const edge = (sign) => kept.map((k) => about[k] === null || what.sigma[k] === null ? null
           : about[k] + sign * 1.96 * what.sigma[k]);
-        const none = { mode: "lines", line: { width: 0 } };
-        traces.push(line(x, edge(-1), kept, Object.assign({}, base, none)));
-        traces.push(line(x, edge(1), kept, Object.assign({}, base, none,
-          { fill: "tonexty", fillcolor: faint(colour, 0.2) })));
+        traces.push(Object.assign(
+          filled(undefined, ribbon(x, edge(-1), edge(1)), faint(colour, 0.2), false), { yaxis }));
       }
       traces.push(line(x, y, kept, Object.assign({ yaxis, name: what.name, line: {
         color: colour, width: 1.6, dash: what.dash, shape: what.step ? "hvh" : "linear" },
@@ -327,9 +334,10 @@
 
   // Plan and profile. Polygons about the axis are broken where the pipe was not followed.
   class WayPlot {
-    constructor(id, make) {
+    constructor(id, make, printed) {
       this.box = byId(id);
       this.make = make;
+      this.printed = printed;
       this.rows = [0, rows - 1];
       this.ranges = null;
     }
@@ -343,12 +351,21 @@
         name: "chosen frame", hoverinfo: "skip", marker: { size: [11, 11], color: p.red,
           symbol: ["circle-open", "diamond-open"], line: { width: 2.5 } },
         line: { color: p.red, width: 1, dash: "dot" } }, made.spot())]);
+      if (made.size) { this.fit(...made.size); }
       if (this.ranges) {
         made.layout.xaxis.range = this.ranges[0];
         made.layout.yaxis.range = this.ranges[1];
       }
       return Plotly.react(this.box, traces, layout(p, Object.assign({ hovermode: "closest" },
-        made.layout)), config());
+        printing ? { height: this.printed } : {}, made.layout)), config());
+    }
+
+    // A long way that hardly bends leaves most of a plot of equal scales empty: less height.
+    fit(across, up) {
+      const width = (printing ? PRINTED : this.box.clientWidth) - 72;
+      const wanted = 1.2 * width * up / across + (narrow() ? 162 : 114);
+      this.printed = Math.round(Math.min(420, Math.max(290, wanted)));
+      this.box.style.height = `${this.printed}px`;
     }
 
     mark() {
@@ -396,6 +413,20 @@
     return { x, y };
   }
 
+  // A closed band between two lines, one polygon for each run without a gap.
+  function ribbon(x, low, high) {
+    const xs = [], ys = [];
+    for (let k = 0; k < x.length; k++) {
+      const first = k;
+      while (k < x.length && low[k] !== null) { k++; }
+      if (k - first < 2) { continue; }
+      const run = span(first, k - 1), back = [...run].reverse();
+      xs.push(...pick(x, run), ...pick(x, back), x[first], null);
+      ys.push(...pick(low, run), ...pick(high, back), low[first], null);
+    }
+    return { x: xs, y: ys };
+  }
+
   function filled(name, shape, colour, legend) {
     return Object.assign({ type: "scatter", mode: "lines", fill: "toself", name, hoverinfo: "skip",
       line: { width: 0 }, fillcolor: colour, showlegend: legend }, shape);
@@ -438,8 +469,13 @@
         { name: "vehicle, pipe lost", mode: "lines", showlegend: true,
           line: { color: p.red, width: 3, dash: "dot" }, hovertemplate: hover("not valid") }));
     }
+    const extent = (...all) => {
+      const known = all.flat().filter((v) => v !== null);
+      return known.reduce((a, v) => Math.max(a, v)) - known.reduce((a, v) => Math.min(a, v));
+    };
     const within = (v, range) => v !== null && v >= Math.min(...range) && v <= Math.max(...range);
-    return { traces,
+    const size = [extent(c.ownX, x), extent(c.ownY, y) + 2 * data.radius];
+    return { traces, size: size[0] > 0 ? size : null,
       spot: () => ({ x: [c.ownX[chosen], c.pipeX[chosen]], y: [c.ownY[chosen], c.pipeY[chosen]] }),
       inside: (k, xs, ys) => (within(c.pipeX[k], xs) && within(c.pipeY[k], ys))
         || (within(c.ownX[k], xs) && within(c.ownY[k], ys)),
@@ -468,8 +504,9 @@
           faint(p.blue, 0.55), true),
         line(pick(x, kept), pick(z, kept), kept, { name: "axis", line: { color: p.blue, width: 1.6 },
           marker: { size: 4, color: p.blue }, hovertemplate: hover("axis"), showlegend: true }),
-        bedLine("bedLeft", "bed to port", "solid", "triangle-up"),
-        bedLine("bedRight", "bed to starboard", "dash", "triangle-down"),
+        ...["bedLeft", "bedRight"].filter((side) => c[side].some((v) => v !== null)).map((side) =>
+          side === "bedLeft" ? bedLine(side, "bed to port", "solid", "triangle-up")
+            : bedLine(side, "bed to starboard", "dash", "triangle-down")),
         line(pick(c.chainage, own), pick(c.ownZ, own), own, { name: "vehicle", mode: "lines",
           line: { color: p.green, width: 1.6 }, hovertemplate: hover("vehicle"), showlegend: true }),
       ],
@@ -532,10 +569,10 @@
     const library = document.createElement("script");
     library.textContent = await unpacked();
     document.head.append(library);
-    if (byId("timelines")) { figures.push(new TimePlot("timelines", timeLines())); }
-    if (byId("plan")) { figures.push(new WayPlot("plan", plan)); }
-    if (byId("profile")) { figures.push(new WayPlot("profile", profile)); }
-    if (byId("errorlines")) { figures.push(new TimePlot("errorlines", errorLines())); }
+    if (byId("timelines")) { figures.push(new TimePlot("timelines", timeLines(), 560)); }
+    if (byId("plan")) { figures.push(new WayPlot("plan", plan, 420)); }
+    if (byId("profile")) { figures.push(new WayPlot("profile", profile, 360)); }
+    if (byId("errorlines")) { figures.push(new TimePlot("errorlines", errorLines(), 400)); }
     for (const figure of figures) {
       await figure.draw();
       figure.listen();

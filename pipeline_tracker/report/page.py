@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import platform
+import re
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from functools import cache
@@ -101,9 +102,9 @@ def _head(main: ET.Element, record: Record) -> None:
 def _summary(main: ET.Element, record: Record, evaluation: Evaluation | None) -> None:
     section = add(main, "section", class_="summary", aria_label="Summary")
     first, *rest = words.summary(record)
-    add(section, "p", first, class_="lead")
+    add(section, "p", _tied(first), class_="lead")
     for sentence in rest:
-        add(section, "p", sentence)
+        add(section, "p", _tied(sentence))
     for note in words.notes(record):
         add(section, "p", note, class_="note")
     tiles = add(section, "dl", class_="tiles")
@@ -111,6 +112,11 @@ def _summary(main: ET.Element, record: Record, evaluation: Evaluation | None) ->
         tile = add(tiles, "div")
         add(tile, "dt", name)
         add(add(tile, "dd", value), "span", f" {unit}" if unit else "")
+
+
+def _tied(sentence: str) -> str:
+    """Return a sentence whose numbers stay with their units where a line ends."""
+    return re.sub(r"(?<=\d) (?=(?:s|m|cm|h|min|frames?)\b|%)", "\N{NO-BREAK SPACE}", sentence)
 
 
 def _tiles(record: Record, evaluation: Evaluation | None) -> list[tuple[str, str, str]]:
@@ -132,7 +138,7 @@ def _tiles(record: Record, evaluation: Evaluation | None) -> list[tuple[str, str
         mean = evaluation.groups["all"].divergence.total.mean
         if mean is not None:
             tiles.append(("mean error, both ends", f"{100.0 * mean:.2f}", "cm"))
-        tiles.append(("false valid", str(evaluation.counts.false_valid), ""))
+        tiles.append(("valid but wrong", str(evaluation.counts.false_valid), "frames"))
     return tiles
 
 
@@ -175,6 +181,7 @@ def _frames(main: ET.Element, record: Record) -> None:
     key = add(player, "p", class_="key")
     for name, what in (
         ("left", "contour to port"), ("right", "contour to starboard"), ("axis", "axis, ahead"),
+        ("missing", "dashed: expected there, not found"),
     ):  # fmt: skip
         add(key, "span", what, class_=name)
     _strip(section, record)
@@ -240,15 +247,16 @@ def _stretches(main: ET.Element, record: Record) -> None:
         "p",
         "How the pipe lies is judged by the bed on both sides of it, where the pictures show it: "
         "a hint, no survey. Positive clearance: the bed beside the pipe lies so far below it; "
-        "negative: so much of the pipe is below the bed beside it.",
+        "negative: so much of the pipe is below the bed beside it. Axis above bed: to port / to "
+        "starboard.",
         class_="hint",
     )
     shown = record.stretches[:_MOST_STRETCHES]
     box = add(section, "div", class_="scroll", tabindex="0", role="region", aria_label="Stretches")
     table = add(box, "table")
     head = add(add(table, "thead"), "tr")
-    for name in ("from", "to", "length", "state", "lies", "clearance", "axis above bed", "time",
-                 "frames", "why"):  # fmt: skip
+    for name in ("chainage from", "to", "length", "state", "lies", "clearance", "axis above bed",
+                 "time", "frames", "why"):  # fmt: skip
         add(head, "th", name, scope="col")
     body = add(table, "tbody")
     for stretch in shown:

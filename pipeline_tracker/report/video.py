@@ -161,7 +161,7 @@ class _Vp9(_Closing):
             if not self._writer.isOpened():
                 raise VideoError(
                     f"{self._path}: this OpenCV cannot write a film that browsers play; install "
-                    "PyAV with pip install 'pipeline-tracker[video]', or name a directory for PNG "
+                    "PyAV with pip install '.[video]' in the clone, or name a directory for PNG "
                     "files"
                 )
         self._writer.write(picture)

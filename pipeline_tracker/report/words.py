@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Sequence
 from statistics import median
 
-from pipeline_tracker.report.reasons import count, in_words
+from pipeline_tracker.report.reasons import count, in_words, parts_of
 from pipeline_tracker.report.record import Record, seconds_of
 from pipeline_tracker.report.stretches import Course, Lie, Stretch
 
 # So many stretches without the pipe are told one by one.
 _TOLD = 4
 _LIES = {
-    Lie.FREE_SPAN: "it spans freely over",
-    Lie.ON_BED: "it rests on the bed over",
-    Lie.PARTLY_BURIED: "it is partly buried over",
-    Lie.MORE_THAN_HALF_BURIED: "it is more than half buried over",
+    Lie.FREE_SPAN: "spans freely over",
+    Lie.ON_BED: "rests on the bed over",
+    Lie.PARTLY_BURIED: "is partly buried over",
+    Lie.MORE_THAN_HALF_BURIED: "is more than half buried over",
 }
 
 
@@ -75,11 +75,12 @@ def _how_well(record: Record) -> list[str]:
     sentences = []
     if states:
         worst = min(states, key=lambda state: state.quality)
-        text = f"The quality is {median(s.quality for s in states):.2f} in the median"
+        text = "Of what the pipe should show in the pictures (contours, surface), "
+        text += f"{100.0 * median(s.quality for s in states):.0f} % was found in the median frame"
         if len(states) > 1:
-            text += f" and {worst.quality:.2f} at its least"
-            text += f" ({seconds_of(record, worst.stamp_ns):.1f} s)"
-        sentences.append(text + ", of 1.")
+            text += f" and {100.0 * worst.quality:.0f} % in the worst (at "
+            text += f"{seconds_of(record, worst.stamp_ns):.1f} s)"
+        sentences.append(text + ": the quality.")
     valid = {int(row["stamp_ns"]) for row in record.rows if row["valid"] == "1"}
     sigmas = [
         (place.sigma_left, place.sigma_up)
@@ -160,7 +161,8 @@ def _gap(record: Record, gap: Sequence[Stretch]) -> str:
 def _told(gap: Sequence[Stretch]) -> str:
     reasons: Counter[str] = Counter()
     for stretch in gap:
-        reasons.update(dict(stretch.reasons))
+        for reason, frames in stretch.reasons:
+            reasons.update(dict.fromkeys(parts_of(reason), frames))
     told = "; ".join(in_words(reason) for reason, _ in reasons.most_common(2))
     return f" ({told})" if told else ""
 
@@ -175,7 +177,8 @@ def _how_it_lies(record: Record) -> list[str]:
         return []
     unknown = lengths.get(Lie.NOT_KNOWN)
     rest = f"; not known over {unknown:.1f} m" if unknown else ""
-    return [f"As far as the bed beside the pipe tells, {', '.join(parts)}{rest}."]
+    told = " and ".join(filter(None, (", ".join(parts[:-1]), parts[-1])))
+    return [f"As far as the bed beside it tells, the pipe {told}{rest}."]
 
 
 def _about_mode(record: Record) -> list[str]:

@@ -15,7 +15,7 @@ def _module(name: str) -> Any:
         package = name.partition(".")[0]
         raise PipelineTrackerError(
             f"simulate needs {package}, which cannot be imported ({error}); "
-            "install the extra: pip install 'pipeline-tracker[sim]'"
+            "install the extra: pip install '.[sim]' in the clone"
         ) from error
 
 

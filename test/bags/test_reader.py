@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bag_maker import FACTORY, START, Sea, mcap_of, write_bag
+from bag_maker import START, Sea, mcap_of, write_bag, write_small_chunks
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
@@ -39,23 +39,6 @@ def refusal(path: Path, topic: str = IMAGE) -> str:
 EXPECTED = [Sea().stamp(i) for i in range(4)]
 
 
-def by_mcap_library(path: Path, compression: CompressionType, **options: Any) -> Path:
-    """Write the same bag with another library, in small chunks."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=4096, compression=compression, **options)
-        writer.start(profile="ros2", library="test")
-        channels: dict[str, int] = {}
-        for item in Sea().items():
-            if item.topic not in channels:
-                text, _ = FACTORY.store.generate_msgdef(item.type_name, ros_version=2)
-                schema = writer.register_schema(item.type_name, "ros2msg", text.encode())
-                channels[item.topic] = writer.register_channel(item.topic, "cdr", schema)
-            data = FACTORY.serialize(item.message)
-            writer.add_message(channels[item.topic], item.log_ns, data, item.log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
-
-
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize("mode", list(CompressionMode))
 def test_every_storage_and_compression_of_rosbag2(
@@ -72,7 +55,9 @@ def test_every_storage_and_compression_of_rosbag2(
 def test_a_single_mcap_of_every_compression(
     tmp_path: Path, compression: CompressionType, options: dict[str, Any]
 ) -> None:
-    assert stamps(by_mcap_library(tmp_path / "a.mcap", compression, **options)) == EXPECTED
+    assert (
+        stamps(write_small_chunks(tmp_path / "a.mcap", Sea(), compression, **options)) == EXPECTED
+    )
 
 
 def test_file_inside_a_bag_and_database_file(tmp_path: Path) -> None:
@@ -190,7 +175,7 @@ def test_truncated_database_names_salvage(tmp_path: Path) -> None:
 
 
 def test_flipped_byte_in_a_chunk_names_salvage(tmp_path: Path) -> None:
-    path = by_mcap_library(tmp_path / "a.mcap", CompressionType.ZSTD)
+    path = write_small_chunks(tmp_path / "a.mcap", Sea(), CompressionType.ZSTD)
     data = bytearray(path.read_bytes())
     zstd = b"\x28\xb5\x2f\xfd"
     data[data.index(zstd, len(data) // 3) + 40] ^= 0xFF
@@ -284,7 +269,7 @@ def test_mutated_bags_give_our_error_or_whole_messages(tmp_path: Path, seed: int
     """Flips and cuts anywhere: all messages, or one line, and nothing in between in silence."""
     rng = random.Random(seed)  # noqa: S311 - a test's dice
     kinds = list(CompressionType)
-    path = by_mcap_library(tmp_path / "a.mcap", kinds[seed % len(kinds)])
+    path = write_small_chunks(tmp_path / "a.mcap", Sea(), kinds[seed % len(kinds)])
     data = bytearray(path.read_bytes())
     for _ in range(rng.randint(1, 4)):
         place = rng.randrange(len(data))

@@ -9,10 +9,9 @@ from typing import Any
 import lz4.frame
 import pytest
 import zstandard
-from bag_maker import FACTORY, Sea, mcap_of, write_bag
+from bag_maker import Sea, mcap_of, write_bag, write_small_chunks
 from mcap.records import Chunk
 from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionMode
 
 from pipeline_tracker.bags.chunks import LARGEST, unpack_chunk
@@ -28,22 +27,6 @@ Content = list[tuple[str, int, bytes]]
 def content(path: Path) -> Content:
     with BagReader(path) as bag:
         return sorted((r.topic, r.log_ns, r.raw) for r in bag.records(bag.topics))
-
-
-def small_chunks(path: Path, compression: CompressionType, **options: Any) -> Path:
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=4096, compression=compression, **options)
-        writer.start(profile="ros2", library="test")
-        channels: dict[str, int] = {}
-        for item in Sea(frames=8).items():
-            if item.topic not in channels:
-                text, _ = FACTORY.store.generate_msgdef(item.type_name, ros_version=2)
-                schema = writer.register_schema(item.type_name, "ros2msg", text.encode())
-                channels[item.topic] = writer.register_channel(item.topic, "cdr", schema)
-            data = FACTORY.serialize(item.message)
-            writer.add_message(channels[item.topic], item.log_ns, data, item.log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
 
 
 def saved(report: Any) -> int:
@@ -70,7 +53,7 @@ def test_a_sound_bag_comes_back_whole(tmp_path: Path, mode: CompressionMode) -> 
 def test_a_cut_bag_gives_all_before_the_cut(
     tmp_path: Path, compression: CompressionType, options: dict[str, Any], share: float
 ) -> None:
-    path = small_chunks(tmp_path / "a.mcap", compression, **options)
+    path = write_small_chunks(tmp_path / "a.mcap", Sea(frames=8), compression, **options)
     whole = content(path)
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
@@ -102,7 +85,7 @@ def test_counts_of_a_cut_bag_come_from_metadata(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_a_flipped_byte_costs_its_chunk_alone(tmp_path: Path, compression: CompressionType) -> None:
-    path = small_chunks(tmp_path / "a.mcap", compression)
+    path = write_small_chunks(tmp_path / "a.mcap", Sea(frames=8), compression)
     whole = content(path)
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
@@ -118,7 +101,7 @@ def test_a_flipped_byte_costs_its_chunk_alone(tmp_path: Path, compression: Compr
 def test_a_wrong_length_costs_little(tmp_path: Path, seed: int) -> None:
     """The length of one chunk's record: what follows is found again."""
     kinds = list(CompressionType)
-    path = small_chunks(tmp_path / "a.mcap", kinds[seed % len(kinds)])
+    path = write_small_chunks(tmp_path / "a.mcap", Sea(frames=8), kinds[seed % len(kinds)])
     whole = content(path)
     data = bytearray(path.read_bytes())
     place = data.index(b"\x06", 200 + 300 * seed)

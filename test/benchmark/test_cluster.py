@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import os
 import signal
@@ -37,10 +38,26 @@ def cluster() -> Iterator[Any]:
         # One that is closed while it starts a killed worker again fails.
         with distributed.Client(made.scheduler_address, set_as_default=False) as client:
             client.wait_for_workers(2, timeout=60)
-        end = time.monotonic() + 60.0
-        while any(nanny.process.status.name != "running" for nanny in made.workers.values()):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        for nanny in made.workers.values():
+            made.sync(asyncio.wait_for, nanny.process.running.wait(), 60.0)
+
+
+class Said(io.StringIO):
+    """What a benchmark said, and how to wait for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._more = threading.Condition()
+
+    def write(self, text: str) -> int:
+        with self._more:
+            count = super().write(text)
+            self._more.notify_all()
+        return count
+
+    def wait_for(self, words: str, within: float) -> None:
+        with self._more:
+            assert self._more.wait_for(lambda: words in self.getvalue(), within), self.getvalue()
 
 
 class Bench(threading.Thread):
@@ -49,7 +66,7 @@ class Bench(threading.Thread):
     def __init__(self, manifest: Path, output: Path, address: str) -> None:
         super().__init__()
         self._arguments = manifest, output, address
-        self.said = io.StringIO()
+        self.said = Said()
         self.outcome: Any = None
 
     def run(self) -> None:
@@ -74,10 +91,7 @@ def test_a_worker_killed_half_way_costs_nothing(
         assert len(set(pids.values())) == 2
         bench = Bench(manifest, tmp_path / "out", cluster.scheduler_address)
         bench.start()
-        end = time.monotonic() + 120.0
-        while " of 6 " not in bench.said.getvalue():
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        bench.said.wait_for(" of 6 ", within=120.0)
         victim, tasks = next((w, t) for w, t in client.processing().items() if t)
         ended = bench.said.getvalue().count(" of 6 ")
         os.kill(pids[victim], signal.SIGKILL)
@@ -136,7 +150,9 @@ def test_a_scheduler_that_goes_away_is_no_traceback(
         end = time.monotonic() + 60.0
         while not [*(tmp_path / "out").glob("seas/.unfinished-*")]:
             assert time.monotonic() < end
-            time.sleep(0.02)
+            # It ends with the benchmark, should that end before.
+            bench.join(timeout=0.02)
+            assert bench.is_alive(), bench.said.getvalue()
     bench.join(timeout=120.0)
     (line,) = bench.outcome.lines
     assert line.state == "failed"

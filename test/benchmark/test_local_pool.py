@@ -7,9 +7,9 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError
-from pathlib import Path
 
 import pytest
+from processes import ends, is_alive
 
 from pipeline_tracker.benchmark.local_pool import LocalPool, WorkerDiedError, local_pool
 
@@ -19,15 +19,6 @@ def wait_for(condition: Callable[[], object], seconds: float = 30.0) -> None:
     while not condition():
         assert time.monotonic() < end, "it did not come in time"
         time.sleep(0.02)
-
-
-def is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
-    return status.rpartition(")")[2].split()[0] != "Z"
 
 
 def pids(pool: LocalPool) -> list[int]:
@@ -72,7 +63,7 @@ def test_a_task_whose_worker_is_killed_is_done_by_another() -> None:
         (pid,) = pids(pool)
         os.kill(pid, signal.SIGKILL)
         assert task.result(timeout=60) is None
-        assert not is_running(pid)
+        assert not is_alive(pid)
 
 
 def test_leaving_ends_what_is_running_at_once() -> None:
@@ -82,7 +73,7 @@ def test_leaving_ends_what_is_running_at_once() -> None:
         wait_for(lambda: pids(pool))
         (pid,) = pids(pool)
     assert time.monotonic() - start < 60
-    assert not is_running(pid)
+    assert not is_alive(pid)
     with pytest.raises(WorkerDiedError):
         running.result()
     with pytest.raises(CancelledError):
@@ -102,6 +93,6 @@ def test_workers_end_with_a_killed_parent() -> None:
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         worker = int(parent.stdout.readline())
-        assert is_running(worker)
+        assert is_alive(worker)
         parent.kill()
-    wait_for(lambda: not is_running(worker))
+    assert ends(worker)

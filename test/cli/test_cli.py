@@ -23,12 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DIAMETER = ["--set", "pipe.diameter=0.6"]
 
 
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work in an empty directory, with a stand-in for the pipeline."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pipeline_tracker.replay.runner.Pipeline", StandIn)
-    monkeypatch.setattr("pipeline_tracker.replay.runner.warm_up", lambda: None)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 @pytest.fixture

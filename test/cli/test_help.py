@@ -126,6 +126,14 @@ def test_no_colour_where_it_is_not_wanted() -> None:
         assert not COLOUR.search(on_a_terminal(*arguments, NO_COLOR="1"))
 
 
+def test_a_quiet_command_writes_nothing_at_all_on_a_terminal(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh", reason="the extra [sim] is not installed")
+    small = ("frames=1", "camera.width=240", "camera.height=160")
+    values = [word for value in small for word in ("--set", value)]
+    sea = str(tmp_path / "sea")
+    assert on_a_terminal("simulate", "clear", "-q", *values, "--output", sea) == ""
+
+
 def test_the_shell_completes() -> None:
     def completed(words: str) -> list[str]:
         return process(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from bag_maker import write_bag
-from stand_in import StandIn
 
 from pipeline_tracker.cli import run_command
 
@@ -15,12 +14,9 @@ DIAMETER = ["--set", "pipe.diameter=0.6"]
 
 
 @pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work beside a small bag, with a stand-in for the pipeline."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pipeline_tracker.replay.runner.Pipeline", StandIn)
-    monkeypatch.setattr("pipeline_tracker.replay.runner.warm_up", lambda: None)
-    write_bag(tmp_path / "dive")
+def dive(elsewhere: Path) -> None:
+    """Work beside a small bag."""
+    write_bag(elsewhere / "dive")
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> tuple[str, str]:

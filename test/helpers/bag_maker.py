@@ -9,6 +9,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from pipeline_tracker import messages
@@ -199,6 +201,23 @@ def write_bag(
             if not isinstance(raw, bytes):
                 raw = FACTORY.serialize(raw)
             writer.write(connections[item.topic], item.log_ns, raw)
+    return path
+
+
+def write_small_chunks(path: Path, sea: Sea, compression: CompressionType, **options: Any) -> Path:
+    """Write an mcap file of many chunks with another library than ours; return its path."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=4096, compression=compression, **options)
+        writer.start(profile="ros2", library="test")
+        channels: dict[str, int] = {}
+        for item in sea.items():
+            if item.topic not in channels:
+                text, _ = FACTORY.store.generate_msgdef(item.type_name, ros_version=2)
+                schema = writer.register_schema(item.type_name, "ros2msg", text.encode())
+                channels[item.topic] = writer.register_channel(item.topic, "cdr", schema)
+            data = FACTORY.serialize(item.message)
+            writer.add_message(channels[item.topic], item.log_ns, data, item.log_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 

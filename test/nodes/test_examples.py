@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,11 +55,36 @@ def test_the_bridge_sends_zeros_then_what_the_law_says(domain: int) -> None:
                 break
         twist = heard[-1].twist
         assert twist.linear.x == Gains().speed
-        assert twist.linear.z == pytest.approx(-0.5 * 0.2)
-        assert twist.angular.z == pytest.approx(0.8 * 0.1)
+        assert twist.linear.z == pytest.approx(-Gains().climb * 0.2)
+        assert twist.angular.z == pytest.approx(Gains().turn * 0.1)
         assert twist.linear.y == twist.angular.x == twist.angular.y == 0.0
     finally:
         executor.shutdown()
         bridge.destroy_node()
         autopilot.destroy_node()
         rclpy.shutdown(context=context)
+
+
+@pytest.mark.ros
+def test_the_closed_loop_begins_to_close(domain: int, tmp_path: Path) -> None:
+    """The first metre; the whole way takes a minute and a half."""
+    script = Path(__file__).parents[2] / "examples" / "follow_pipe.py"
+    size = ("--length", "1.3", "--width", "320", "--settled", "1.2")
+    done = subprocess.run(
+        [sys.executable, str(script), "--output", str(tmp_path), *size],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300.0,
+        check=False,
+    )
+    # It is not yet beside the pipe's axis, and says so by its exit code.
+    assert done.returncode == 1, done.stdout
+    with (tmp_path / "path.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert sum(float(row["valid"]) for row in rows) > 0.7 * len(rows), done.stdout
+    aside = [float(row["cross_track"]) for row in rows]
+    # It drifted on a little before it turned.
+    assert aside[-1] < min(aside[0], max(aside) - 0.05)
+    assert (tmp_path / "path.png").stat().st_size > 10_000

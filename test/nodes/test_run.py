@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import time
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,19 +16,12 @@ from live_processes import (
     module_of,
     run_command,
 )
+from processes import ends, is_alive
 
 from pipeline_tracker.cli import run_command as command_line
 from pipeline_tracker.messages import stamp_ns
 
 pytestmark = pytest.mark.ros
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
 
 
 @pytest.mark.parametrize(
@@ -105,10 +96,8 @@ def test_children_do_not_outlive_a_parent_that_is_killed(bench: Any) -> None:
     children = children_of(process.popen.pid)
     assert len(children) == 4
     process.end(signal.SIGKILL)
-    deadline = time.monotonic() + 10.0
-    while any(map(is_alive, children)):
-        assert time.monotonic() < deadline, "children live on"
-        time.sleep(0.02)
+    for child in children:
+        assert ends(child, within=10.0), "a child lives on"
 
 
 def test_whichever_child_is_killed_is_started_again_and_output_comes_back(bench: Any) -> None:

@@ -228,6 +228,51 @@ def test_a_phone_has_room_enough_and_dark_is_dark(browser: Browser, sea: Path) -
     assert browser.errors() == []
 
 
+def test_no_band_bridges_a_gap(browser: Browser, make: Make) -> None:
+    # Dark from 4 to 9: carried on by the pose for a second, then lost, and found again.
+    dark = make(Sea(frames=14, level=lambda i: 50 if 4 <= i < 10 else 150), tracking__max_coast=0.3)
+    browser.open(dark / "report.html")
+    curve, heading, _ = browser.curve("timelines", "heading")
+    gaps = [0.5 * k for k, value in enumerate(heading) if value is None]
+    assert gaps
+    xs = browser.run(f"return document.getElementById('timelines').data[{curve - 1}].x")
+    runs = [[]]  # type: list[list[float]]
+    for x in xs:
+        if x is None:
+            runs.append([])
+        else:
+            runs[-1].append(x)
+    runs = [run for run in runs if run]
+    assert len(runs) == 2
+    assert not any(min(run) < gap < max(run) for run in runs for gap in gaps)
+
+
+def test_on_paper_plots_fit_the_sheet_and_cover_nothing(browser: Browser, sea: Path) -> None:
+    browser.open(sea)
+    # A4 with the margins of page.css has 703 px.
+    metrics = {"width": 703, "height": 1032, "deviceScaleFactor": 1, "mobile": False}
+    browser.command("Emulation.setDeviceMetricsOverride", metrics)
+    browser.command("Emulation.setEmulatedMedia", {"media": "print"})
+    browser.run("dispatchEvent(new Event('beforeprint'))")
+    try:
+        drawn = browser.wait(
+            "const edges = (e) => e.getBoundingClientRect();"
+            "const boxes = [...document.querySelectorAll('.plot')].map(box =>"
+            " [edges(box.querySelector('.main-svg')), edges(box)]);"
+            "return innerWidth === 703 && boxes.map(([svg, box]) =>"
+            " [svg.right, svg.bottom - box.bottom, box.height])"
+        )
+        assert len(drawn) == 3
+        for right, below, height in drawn:
+            assert right <= 703
+            assert below <= 0.5
+            assert height > 200
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+    finally:
+        browser.command("Emulation.setEmulatedMedia", {"media": ""})
+        browser.run("dispatchEvent(new Event('afterprint'))")
+
+
 EVIL = '<img src=x onerror="document.title=1"><script>alert(1)<'
 
 

@@ -62,7 +62,7 @@ class Page(HTMLParser):
         if tag in ("script", "style"):
             self.raw[name] = data
         else:
-            self.words += data + "\n"
+            self.words += data.replace("\N{NO-BREAK SPACE}", " ") + "\n"
 
 
 def lost_between(first: int, last: int) -> Callable[[int], int]:

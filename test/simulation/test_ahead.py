@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import pytest
 
@@ -9,8 +8,14 @@ from pipeline_tracker.simulation.ahead import made_ahead
 
 
 def test_all_comes_in_order_however_long_each_takes() -> None:
+    done = [threading.Event() for _ in range(8)]
+    # There is no job 7 for job 6 to wait for.
+    done[7].set()
+
     def make(job: int) -> int:
-        time.sleep(0.02 if job % 2 == 0 else 0.0)
+        # Those of even number end after the next one.
+        assert job % 2 or done[job + 1].wait(5.0)
+        done[job].set()
         return job * job
 
     assert list(made_ahead(make, range(7), 3)) == [0, 1, 4, 9, 16, 25, 36]
@@ -30,15 +35,17 @@ def test_others_are_made_while_one_is_waited_for() -> None:
 
 def test_no_more_are_made_than_wait_or_were_taken() -> None:
     begun: list[int] = []
+    too_early = threading.Event()
 
     def make(job: int) -> int:
         begun.append(job)
+        if job > 3:
+            too_early.set()
         return job
 
     made = made_ahead(make, range(100), 2)
     assert [next(made), next(made)] == [0, 1]
-    time.sleep(0.05)
-    assert max(begun) <= 3
+    assert not too_early.wait(0.05)
     made.close()
     assert max(begun) <= 3
 

@@ -399,7 +399,7 @@ def test_a_missing_extra_is_named(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(PipelineTrackerError, match=r"pip install 'pipeline-tracker\[sim\]'"):
+    with pytest.raises(PipelineTrackerError, match=r"pip install '\.\[sim\]'"):
         simulate("demo", tmp_path / "sea", SMALL, progress=False)
     assert list(tmp_path.iterdir()) == []
 
