@@ -129,7 +129,7 @@ def test_frames_without_images_are_left_out_and_told(tmp_path: Path) -> None:
     items = [i for i in SEA.items() if not (i.log_ns == SEA.stamp(2) and "right/image" in i.topic)]
     out = replayed(write_bag(tmp_path / "bag", items), tmp_path / "out")
     said = film(out, tmp_path / "png")
-    assert said.endswith("5 pictures, PNG files; 1 frames without images or result are left out")
+    assert said.endswith("5 pictures, PNG files; 1 frame without images or result left out")
 
 
 def test_clocks_that_were_set_back(tmp_path: Path) -> None:

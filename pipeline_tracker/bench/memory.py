@@ -30,7 +30,7 @@ def process_tools(option: str) -> Any:
     """
     if find_spec("psutil") is None:
         raise BenchError(
-            f"{option} needs psutil, which is not installed; pip install 'pipeline_tracker[bench]'"
+            f"{option} needs psutil, which is not installed; pip install '.[bench]' in the clone"
         )
     return import_module("psutil")
 

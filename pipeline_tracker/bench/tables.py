@@ -53,8 +53,8 @@ def _head(machine: Machine, bag: str, skeleton: str) -> Iterator[str]:
     yield f"images: {bag}, resized; times of a pair of images, ms"
     if skeleton == NO_SKELETON:
         yield (
-            "stock chain: without skeletonization, none is installed; pip install "
-            "'pipeline_tracker[bench]'"
+            "stock chain: without skeletonization, none is installed; pip install '.[bench]' in "
+            "the clone"
         )
     else:
         yield f"stock: CLAHE, Canny, {skeleton}, findContours, approxPolyDP"

@@ -18,6 +18,7 @@ from pipeline_tracker.replay.input import Frame, ReplayInput
 from pipeline_tracker.replay.progress import ReplayProgress
 from pipeline_tracker.replay.results import StoredResults, check_replay, replayed_bag
 from pipeline_tracker.report.overlay import draw_overlay
+from pipeline_tracker.report.reasons import count
 from pipeline_tracker.report.video import open_film
 from pipeline_tracker.settings_io import load_settings
 
@@ -73,9 +74,10 @@ class FilmOutcome:
 
     def in_words(self) -> str:
         """Return it for a person."""
-        text = f"written to {self.output}: {self.pictures} pictures, {self.kind}"
+        text = f"written to {self.output}: {count(self.pictures, 'picture')}, {self.kind}"
         if self.without:
-            text += f"; {self.without} frames without images or result are left out"
+            frames = count(self.without, "frame")
+            text += f"; {frames} without images or result left out"
         return text
 
 

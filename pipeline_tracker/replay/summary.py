@@ -176,7 +176,7 @@ class ReplaySummary:
                 f"{self.modes['recognition']}"
             )
         if self.distance_along > 0.0:
-            along = f"followed over {self.distance_along:.2f} m of pipe"
+            along = f"way along the pipe {self.distance_along:.2f} m"
             if self.least_overlap is not None:
                 along += f", overlap of images at least {self.least_overlap:.2f}"
             lines.append(along)
