@@ -225,4 +225,7 @@ def _duration(seconds: float) -> str:
 
 
 def _length(metres: float) -> str:
+    """Say a standard deviation: millimetres to a digit, as it never is nothing."""
+    if metres < 0.01:
+        return f"{max(1000.0 * metres, 0.1):.1f} mm"
     return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.1f} m"
