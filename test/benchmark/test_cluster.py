@@ -177,7 +177,7 @@ def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_extra_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
-        pytest.raises(PipelineTrackerError, match=r"pipeline-tracker\[cluster\]"),
+        pytest.raises(PipelineTrackerError, match=r"pip install '\.\[cluster\]'"),
         cluster_pool("tcp://127.0.0.1:1"),
     ):
         pass
