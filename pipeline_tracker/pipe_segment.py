@@ -26,7 +26,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _MODEL_SIGMAS = np.array([0.0001, 0.00015, 0.001, 0.001])
 # Patches overlap and share their particles and their haze: they err more alike than the fit
 # assumes. By rendered seas, its variances are so many times larger where there is a surface.
-_ALIKE = 1.3
+_ALIKE = 1.5
 # What lies on a part of the face (silt, growth) lifts and tilts the fit: standard deviations for
 # each unit of the share that is missing.
 _WHOLE_FACE = 0.85

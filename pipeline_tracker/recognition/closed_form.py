@@ -234,13 +234,16 @@ def solve_by_technique(
 
     Returns:
         The axis along ``known`` with its origin in the middle of the view, and its 4 x 4
-        covariance; None where the technique does not apply to what is seen.
+        covariance; None where the technique does not apply to what is seen. The covariance has
+        what the axis is off ``known``: beside contours run edges of shadows and of the pipe's
+        foot, which the paper's techniques cannot tell from them.
     """
     rig = frame.rig
     axis: Axis | None = None
     lines: list[tuple[Array, Camera]] = []
     if technique == 1:
-        return _by_surface(surface, rig.left, known, radius, vertical)
+        found = _by_surface(surface, rig.left, known, radius, vertical)
+        return None if found is None else (found[0], found[1] + _apart(found[0], known, vertical))
     if technique == 2:
         pair, camera = (_pair(frame, 0, known, radius), rig.left)
         if pair is None and rig.right is not None:
@@ -269,7 +272,17 @@ def solve_by_technique(
     if axis is None:
         return None
     axis = _like(axis, known, rig.left)
-    return axis, _numeric_covariance(solve, lines, axis, vertical)
+    covariance = _numeric_covariance(solve, lines, axis, vertical)
+    return axis, covariance + _apart(axis, known, vertical)
+
+
+def _apart(axis: Axis, known: Axis, vertical: Array) -> Array:
+    """Return the squares, (4, 4), of how far an axis is off the known one, at its origin."""
+    left, up = across(axis.direction, vertical)
+    there = known.moved(float((axis.point - known.point) @ known.direction))
+    off, turn = axis.point - there.point, axis.direction - there.direction
+    step = np.array([off @ left, off @ up, turn @ left, turn @ up])
+    return np.outer(step, step)
 
 
 def _like(axis: Axis, known: Axis, camera: Camera) -> Axis:

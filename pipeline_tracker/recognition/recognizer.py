@@ -77,18 +77,17 @@ class Recognizer:
         wanted = self._settings.recognition.technique
         technique = _JOINT_FIT if wanted == "auto" else wanted
         axis, covariance = best.axis, best.covariance
-        if technique == _JOINT_FIT:
-            # One image alone seldom tells the distance: there the tracker decides, with the echoes.
-            stereo = frame.rig.right is not None
-            if stereo and too_uncertain(covariance, float(np.linalg.norm(axis.point))):
-                return none
-        else:
+        if technique != _JOINT_FIT:
             solved = solve_by_technique(
                 technique, frame, surface, best.axis, self._radius, self._vertical
             )
             if solved is None:
                 return none
             axis, covariance = solved
+        # One image alone seldom tells the distance: there the tracker decides, with the echoes.
+        stereo = frame.rig.right is not None
+        if stereo and too_uncertain(covariance, float(np.linalg.norm(axis.point))):
+            return none
         return self._maker.make(frame, axis, covariance, best.support, Mode.RECOGNITION, technique)
 
     def _best(self, frame: VectorizedStereo, surface: SurfacePoints) -> Hypothesis | None:

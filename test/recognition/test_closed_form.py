@@ -236,3 +236,17 @@ def test_the_line_of_a_contour_agrees_with_a_plain_fit(turn: float) -> None:
     assert np.abs(ends @ line[:2] + line[2]) == pytest.approx(
         np.abs(ends @ expected[:2] + expected[2]), abs=1e-6
     )
+
+
+def test_what_it_is_off_the_known_axis_is_in_its_covariance() -> None:
+    # All edges that can be seen are half a centimetre beside the contours, as at a shadow's border.
+    diver = Diver(World.with_pipe(heading=0.4, radius=0.305), look=EXACT)
+    frame, axis = diver.frame(level_pose()), known(diver, level_pose())
+    vertical = np.array([0.0, 0.0, -1.0])
+    surface = triangulate(frame.matches, RIG)
+    solved = solve_by_technique(2, frame, surface, axis, 0.3, vertical)
+    assert solved is not None
+    off = solved[0].point - axis.moved(float((solved[0].point - axis.point) @ axis.direction)).point
+    height = float(off @ vertical)
+    assert abs(height) > 0.02
+    assert solved[1][1, 1] > 0.9 * height**2
