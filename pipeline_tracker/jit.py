@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import os
 import shutil
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TypeVar, cast
 
 import numba
+from numba.core import caching
+
+try:
+    import fcntl
+except ImportError:  # Windows has none
+    fcntl = None  # type: ignore[assignment]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -56,6 +64,34 @@ def _keep_kernels() -> None:
 
 
 _keep_kernels()
+
+
+def _save_one_at_a_time() -> None:
+    """Let one process at a time save kernels.
+
+    Numba reads the list of a kernel's variants, writes the code of a new one under the next number,
+    and the list again. Of two processes at it at once, one may list the other's code as its own,
+    for arguments of other types.
+    """
+    if fcntl is None or not hasattr(caching.IndexDataCacheFile, "save"):
+        return
+    save = caching.IndexDataCacheFile.save
+
+    @functools.wraps(save)
+    def save_alone(self: caching.IndexDataCacheFile, key: object, data: object) -> None:
+        place = str(numba.config.CACHE_DIR)  # type: ignore[attr-defined]  # made at run time
+        with ExitStack() as stack:
+            with suppress(OSError):
+                # Where Numba keeps kernels in a place of its own, it is for itself.
+                if place:
+                    lock = stack.enter_context((Path(place) / "lock").open("ab"))
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+            save(self, key, data)  # type: ignore[no-untyped-call]
+
+    caching.IndexDataCacheFile.save = save_alone  # type: ignore[method-assign]
+
+
+_save_one_at_a_time()
 
 
 def kernels_are_kept() -> bool:

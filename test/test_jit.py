@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 INNER = """
 from kernels.jit import compiled
@@ -101,3 +104,67 @@ def test_it_is_known_whether_kernels_are_kept(tmp_path: Path) -> None:
     # Another source has kernels of its own.
     package(tmp_path, 3.0)
     assert kept() == "False"
+
+
+# Saves two variants of a kernel: the second, once told to.
+SAVER = """
+import sys
+from kernels.inner import inner
+inner(1.0)
+print("first", flush=True)
+sys.stdin.readline()
+inner({argument})
+print(len(inner.stats.cache_misses), flush=True)
+"""
+
+
+def test_two_processes_that_save_at_once_do_not_mix_up_variants(tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    package(tmp_path, 2.0)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path)}
+    savers = [
+        subprocess.Popen(
+            [sys.executable, "-c", SAVER.format(argument=argument)],
+            cwd=tmp_path,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for argument in ("2", "2j")
+    ]
+    outputs, inputs = [], []
+    for saver in savers:
+        assert saver.stdout is not None
+        assert saver.stdin is not None
+        assert saver.stdout.readline() == "first\n"
+        outputs.append(saver.stdout)
+        inputs.append(saver.stdin)
+    (lock,) = tmp_path.rglob("lock")
+    with lock.open("ab") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        for stream in inputs:
+            stream.write("\n")
+            stream.flush()
+        # Whoever has compiled its variant waits for the lock.
+        before = {path for path in tmp_path.rglob("*.nbc") if "inner" in path.name}
+        assert not select.select(outputs, [], [], 2.0)[0]
+        assert {path for path in tmp_path.rglob("*.nbc") if "inner" in path.name} == before
+    for saver, stream in zip(savers, inputs, strict=True):
+        stream.close()
+        assert saver.wait(60.0) == 0
+        assert saver.stdout is not None
+        saver.stdout.close()
+    # One file for each of three variants, and each is what its list says.
+    kept = [path for path in tmp_path.rglob("*.nbc") if "inner" in path.name]
+    assert len(kept) == 3
+    code = "from kernels.inner import inner; print(inner(1.5), inner(3), inner(2j))"
+    said = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert said.split() == ["3.0", "6.0", "4j"]
