@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 # Hypotheses that are worth a fit, from either source.
 _REFINED = 5
 _JOINT_FIT = 4
+# A technique of the paper that the user wants may be less sure, by its standard deviations: up to
+# 5 cm near the pipe, of which most is what it is off the joint fit.
+_ROOM_OF_TECHNIQUES = 2.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Recognizer:
             return none
         wanted = self._settings.recognition.technique
         technique = _JOINT_FIT if wanted == "auto" else wanted
-        axis, covariance = best.axis, best.covariance
+        axis, covariance, allowed = best.axis, best.covariance, 1.0
         if technique != _JOINT_FIT:
             solved = solve_by_technique(
                 technique, frame, surface, best.axis, self._radius, self._vertical
@@ -84,9 +87,11 @@ class Recognizer:
             if solved is None:
                 return none
             axis, covariance = solved
+            allowed = _ROOM_OF_TECHNIQUES
         # One image alone seldom tells the distance: there the tracker decides, with the echoes.
         stereo = frame.rig.right is not None
-        if stereo and too_uncertain(covariance, float(np.linalg.norm(axis.point))):
+        distance = float(np.linalg.norm(axis.point))
+        if stereo and too_uncertain(covariance / allowed**2, distance):
             return none
         return self._maker.make(frame, axis, covariance, best.support, Mode.RECOGNITION, technique)
 
