@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 # Hypotheses that are worth a fit, from either source.
 _REFINED = 5
 _JOINT_FIT = 4
-# A technique of the paper that the user wants may be less sure, by its standard deviations: up to
-# 5 cm near the pipe, of which most is what it is off the joint fit.
-_ROOM_OF_TECHNIQUES = 2.0
+# A technique of the paper that the user wants may be so much less sure: up to 4 cm near the pipe,
+# of which most is what it is off the joint fit.
+_ROOM_OF_TECHNIQUES = 1.5
 
 
 @dataclass(frozen=True)
