@@ -220,7 +220,9 @@ class _MadeUp:
         matches = np.stack((xs, ys, partner, ys), axis=-1).reshape(-1, 4).astype(np.float32)
         segments = []
         for camera in self._rig.cameras:
-            first, *_, last = np.flatnonzero(self._seen(camera)[0][0]).tolist()
+            towards = np.arctan2(-camera.offset, self._distance)
+            half = np.arcsin(self._radius / np.hypot(camera.offset, self._distance))
+            first, last = camera.cx + camera.fx * np.tan([towards - half, towards + half])
             # The brighter side is to the right.
             ends = [[first, y + 25, first, y] for y in range(0, 160, 30)]
             ends += [[last, y, last, y + 25] for y in range(0, 160, 30)]

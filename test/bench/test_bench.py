@@ -214,7 +214,7 @@ def test_what_is_not_installed_is_told_before_anything_is_measured(
     monkeypatch.setattr("pipeline_tracker.bench.memory.find_spec", lambda _: None)
     monkeypatch.setattr(command_module, "_measure", lambda *_: pytest.fail("measured"))
     assert run_command(["bench", "--frames", "20"]) == 2
-    assert "pip install 'pipeline_tracker[bench]'" in capsys.readouterr().err
+    assert "pip install '.[bench]'" in capsys.readouterr().err
 
 
 def test_sizes_are_read_once_each_and_the_main_one_is_1200_x_800() -> None:
