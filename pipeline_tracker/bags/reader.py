@@ -20,7 +20,7 @@ from rosbags.interfaces import Connection
 from typing_extensions import Self
 
 from pipeline_tracker.bags.bounds import bound_unpacking, check_chunks
-from pipeline_tracker.bags.typestore import our_typestore
+from pipeline_tracker.bags.typestore import missing_field, our_typestore
 from pipeline_tracker.errors import BagError, PipelineTrackerError
 
 _STORAGES = (".mcap", ".db3")
@@ -73,6 +73,12 @@ class BagRecord:
             BagError: its bytes don't fit its type.
         """
         known = self.type_name in self.reader.typestore.fielddefs
+        missing = missing_field(self.reader.typestore, self.type_name)
+        if missing:
+            raise BagError(
+                f"a message of {self.topic} ({self.type_name}) cannot be read: the bag's own "
+                f"definition of its type has no {missing}"
+            )
         try:
             if known:
                 return self.reader.deserialize(self.raw, self.type_name)

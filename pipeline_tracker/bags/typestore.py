@@ -15,6 +15,8 @@ from pipeline_tracker.bags.foxglove import foxglove_types
 from pipeline_tracker.resources import message_directory
 
 OUR_PACKAGE = "pipeline_tracker_msgs"
+# Fields that distributions before Jazzy have not, and that nothing here reads.
+_NEWER = {("sensor_msgs/msg/Range", "variance")}
 
 
 @lru_cache(maxsize=1)
@@ -31,6 +33,35 @@ def our_typestore() -> Typestore:
         types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
     store.register(types)
     return store
+
+
+@lru_cache(maxsize=64)
+def missing_field(store: Typestore, type_name: str) -> str:
+    """Return a field that a bag's definition of a type lacks and ours has; empty: none.
+
+    A definition comes with the bag: it may be another version's, damaged, or hostile. Types that
+    are not ours lack nothing.
+
+    Args:
+        store: with the bag's definitions.
+        type_name: ``package/msg/Name``.
+    """
+    ours = our_typestore().fielddefs.get(type_name)
+    theirs = store.fielddefs.get(type_name)
+    if ours is None or theirs is None:
+        return ""
+    # ROS 1 writes some in capitals.
+    names = {name.lower() for name, _ in theirs[1]}
+    for name, (kind, described) in ours[1]:
+        if name not in names and (type_name, name) not in _NEWER:
+            return f"{type_name}.{name}"
+        # Of an array: what its elements are.
+        node: Any = (
+            described[0] if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (kind, described)
+        )
+        if node[0] is Nodetype.NAME and (inner := missing_field(store, node[1])):
+            return inner
+    return ""
 
 
 class BagMessages:

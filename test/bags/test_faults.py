@@ -14,6 +14,7 @@ from mcap.writer import Writer as McapWriter
 
 from pipeline_tracker.bags.reader import BagReader
 from pipeline_tracker.cli import run_command
+from pipeline_tracker.errors import BagError
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.replay.bag_info import bag_info
 from pipeline_tracker.replay.input import ReplayInput
@@ -199,3 +200,16 @@ def test_what_cannot_be_read_is_counted(tmp_path: Path, topic: str) -> None:
     text = ReplaySummary().in_words(bag, tmp_path, SETTINGS, counts, [], has_truth=False)
     told = f"{expected} invalid" if topic == POSE else f"of {topic} could not be read"
     assert told in text
+
+
+@pytest.mark.parametrize("field", [b"is_bigendian", b"frame_id"])
+def test_a_definition_without_a_field_that_is_needed(tmp_path: Path, field: bytes) -> None:
+    (bag,) = write_bag(tmp_path / "bag").glob("*.mcap")
+    other = tmp_path / "other.mcap"
+    other.write_bytes(bag.read_bytes().replace(field, field[::-1]))
+    with BagReader(other) as reader:
+        topics = [t.name for t in reader.topics.values() if t.type_name == "sensor_msgs/msg/Image"]
+        images = list(reader.records(topics))
+        assert images
+        with pytest.raises(BagError, match=f"definition of its type has no .*{field.decode()}"):
+            images[0].unpack()
