@@ -174,6 +174,8 @@ class Recorder:
         self.node = rclpy.create_node("recorder")
         # Of the topics that the nodes publish from their start on.
         self._results: list[Subscription] = []
+        # Of the others, those that nobody has published yet.
+        self._silent: list[Subscription] = []
         for topic in topics:
             self._listen(topic)
 
@@ -187,6 +189,9 @@ class Recorder:
             if not hears_nodes and all(s.get_publisher_count() for s in self._results):
                 hears_nodes = True
                 self.node.get_logger().info("hears all nodes")
+            for subscription in [s for s in self._silent if s.get_publisher_count()]:
+                self._silent.remove(subscription)
+                self.node.get_logger().info(f"hears {subscription.topic_name}")
         deadline, received = time.monotonic() + _LINGER, -1
         while time.monotonic() < deadline or self._received != received:
             received = self._received
@@ -208,8 +213,8 @@ class Recorder:
             _PROFILES[topic.profile].qos(),
             raw=True,
         )
-        if topic.name.startswith("pipeline/"):
-            self._results.append(subscription)
+        ours = topic.name.startswith("pipeline/")
+        (self._results if ours else self._silent).append(subscription)
 
     def _warn(self, name: str) -> None:
         if time.monotonic() - self._warned < _WARN_EVERY or self._file.failure is not None:

@@ -39,22 +39,46 @@ def module_of(pid: int) -> str:
     return Path(f"/proc/{pid}/cmdline").read_text().split("\0")[2]
 
 
-def known_to_the_recorder(vehicle: Any) -> None:
-    """Wait until all that the vehicle sends is heard, by the recorder too."""
+def _sent(vehicle: Any) -> list[Any]:
+    """The publishers of the vehicle."""
+    names = ("pose", "info", "image")
+    return [p for p in vehicle.talker.node.publishers if any(n in p.topic_name for n in names)]
+
+
+def known_to_all(vehicle: Any, *, images: bool = False) -> None:
+    """Wait until the vehicle knows that nodes and recorder listen to all it sends.
+
+    Args:
+        vehicle: a vehicle of the tests.
+        images: the recorder takes images too.
+    """
     node = vehicle.talker.node
 
     def heard(publisher: Any) -> bool:
-        # A pose by two nodes, all else by one.
-        listeners = 3 if "pose" in publisher.topic_name else 2
-        recorded = "image" not in publisher.topic_name
-        return bool(publisher.get_subscription_count() >= listeners - (not recorded))
+        # A pose by two nodes, all else by one, and all but images by the recorder.
+        recorded = images or "image" not in publisher.topic_name
+        listeners = (2 if "pose" in publisher.topic_name else 1) + recorded
+        return bool(publisher.get_subscription_count() >= listeners)
 
-    own = ("pose", "info", "image")
     vehicle.talker.wait(
-        lambda: (
-            "recorder" in node.get_node_names()
-            and all(heard(p) for p in node.publishers if any(n in p.topic_name for n in own))
-        ),
+        lambda: "recorder" in node.get_node_names() and all(map(heard, _sent(vehicle))),
         "all that the vehicle sends is heard",
         within=60.0,
+    )
+
+
+def known_to_the_recorder(vehicle: Any, process: Any, *, images: bool = False) -> None:
+    """Wait until all that the vehicle sends is heard, by the recorder's own account too.
+
+    What a writer knows of a reader, the reader need not know of the writer yet.
+
+    Args:
+        vehicle, images: see ``known_to_all``.
+        process: of `run`, not a quiet one.
+    """
+    known_to_all(vehicle, images=images)
+    wanted = [p.topic_name for p in _sent(vehicle) if images or "image" not in p.topic_name]
+    process.wait_for(
+        lambda text: all(f"[recorder]: hears {name}\n" in text for name in wanted),
+        "the recorder hears the vehicle",
     )

@@ -12,7 +12,7 @@ from live_processes import (
     NODES,
     children_of,
     is_ready,
-    known_to_the_recorder,
+    known_to_all,
     module_of,
     run_command,
 )
@@ -67,7 +67,7 @@ def test_quiet_nodes_say_nothing_while_all_is_well(bench: Any) -> None:
     recording = bench.directory / "recording"
     process = bench.process(run_command(bench.scene, "-q", "--record", str(recording)))
     vehicle = bench.vehicle()
-    known_to_the_recorder(vehicle)
+    known_to_all(vehicle)
     assert vehicle.approach(0).valid
     assert process.end()[0] == 0
     assert process.text == ""
