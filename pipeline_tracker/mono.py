@@ -250,6 +250,9 @@ def fit_mono(
     axis = axis.moved(middle_of_view(axis, frame.rig.left))
     task = _Task(frame, radius, vertical, echoes, _loosened(prior, axis), doubt)
     if doubt >= _DOUBT:
+        if prior is not None:
+            # Followed without echoes: only edges within what the frame before leaves open.
+            task = replace(task, doubt=_doubt_of(float(prior.sigmas[1]), axis))
         return task.fit_from(axis)
     left, up = across(axis.direction, vertical)
     rise = float(np.sqrt(heard[0, 0]))
@@ -412,9 +415,14 @@ def _at_depth(
         fit = fit_axis(straight, radius, evidence, vertical, Prior(straight, _ALONG_ECHOES), widths)
         axis = fit.axis
         covariance = fit.covariance[np.ix_([1, 3], [1, 3])]
-        sigma = float(np.sqrt(covariance[0, 0])) / max(float(np.linalg.norm(axis.point)), 0.1)
-        doubt = float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
+        doubt = _doubt_of(float(np.sqrt(covariance[0, 0])), axis)
     return axis, doubt, covariance
+
+
+def _doubt_of(height_sigma: float, axis: Axis) -> float:
+    """Return how far from a contour, as a share of the radius, edges could as well be it."""
+    sigma = height_sigma / max(float(np.linalg.norm(axis.point)), 0.1)
+    return float(np.clip(_DOUBT_SIGMAS * sigma, _LEAST_DOUBT, _DOUBT))
 
 
 def _levelled(axis: Axis, vertical: Array) -> Axis:
