@@ -25,10 +25,9 @@ from pipeline_tracker.evidence import (
     unit_rays,
 )
 from pipeline_tracker.face import SPAN
-from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.pipe_segment import middle_of_view
 from pipeline_tracker.support import Support, contour_support
-from pipeline_tracker.types import Contours, VectorizedStereo
+from pipeline_tracker.types import VectorizedStereo
 
 Array = NDArray[np.float64]
 
@@ -76,16 +75,6 @@ _USED = 0.2
 _NEAR = 0.7
 _WIDTHS = ((12.0, 6.0, 4.0), (6.0, 4.0, 4.0), (4.0, 4.0, 4.0))
 _GATES = (10.0, 6.0, 4.0)
-
-# Share of each contour's visible length that must be borne by segments.
-LEAST_SHARE, _LEAST_MEAN_SHARE = 0.22, 0.3
-# The same where echoes met the pipe.
-_LEAST_SHARE_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
-# Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
-# no less than so many px of a small image. Where the width alone tells the distance, edges further
-# off are looked at, clutter among them.
-_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 2.1, 3.0
-_LEAST_SPREAD_PX_HEARD, _LEAST_SPREAD_PX_ALONE = 1.0, 0.8
 
 
 @dataclass(frozen=True)
@@ -490,21 +479,3 @@ def _inward(rays: Array, sides: Array, axis: Axis, angle: float) -> Array:
     turned = rays - (sides * angle)[:, None] * right
     unit: Array = turned / np.linalg.norm(turned, axis=1)[:, None]
     return unit
-
-
-def mono_refusal(found: MonoFit, camera: Camera) -> str:
-    """Return why one image does not bear a pipe; empty where it does."""
-    shares = {contour.bit: contour.share for contour in found.support.contours}
-    if set(shares) != {Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT}:
-        return "one_contour_only"
-    heard = found.hits >= LEAST_HITS
-    least = _LEAST_SHARE_HEARD if heard else LEAST_SHARE
-    if min(shares.values()) < least:
-        return "one_contour_only" if max(shares.values()) >= LEAST_SHARE else "too_little_contour"
-    mean = _LEAST_MEAN_SHARE_HEARD if heard else _LEAST_MEAN_SHARE
-    if found.support.contour_share < mean:
-        return "too_little_contour"
-    wide = _MOST_SPREAD_HEARD if heard else _MOST_SPREAD_ALONE
-    pixels = _LEAST_SPREAD_PX_HEARD if heard else _LEAST_SPREAD_PX_ALONE
-    most = max(wide, pixels * REFERENCE_WIDTH / camera.width)
-    return "contours_not_clear" if found.spread > most else ""

@@ -49,17 +49,21 @@ def answer(directory: Path, **environment: str) -> tuple[float, int]:
         "from kernels.outer import outer; x = outer(1.0);"
         "print(x, sum(outer.stats.cache_misses.values()))"
     )
-    environment = {**os.environ, "PYTHONPATH": str(directory), **environment}
+    value, misses = said(directory, code, **environment)
+    return float(value), int(misses)
+
+
+def said(directory: Path, code: str, **environment: str) -> list[str]:
+    """Run code in a process of its own; the words that it prints."""
     ran = subprocess.run(
         [sys.executable, "-c", code],
         cwd=directory,
-        env=environment,
+        env={**os.environ, "PYTHONPATH": str(directory), **environment},
         capture_output=True,
         text=True,
         check=True,
     )
-    value, misses = ran.stdout.split()
-    return float(value), int(misses)
+    return ran.stdout.split()
 
 
 def test_a_changed_kernel_is_changed_where_it_is_called_too(tmp_path: Path) -> None:
@@ -159,12 +163,5 @@ def test_two_processes_that_save_at_once_do_not_mix_up_variants(tmp_path: Path) 
     kept = [path for path in tmp_path.rglob("*.nbc") if "inner" in path.name]
     assert len(kept) == 3
     code = "from kernels.inner import inner; print(inner(1.5), inner(3), inner(2j))"
-    said = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    assert said.split() == ["3.0", "6.0", "4j"]
+    words = said(tmp_path, code, NUMBA_CACHE_DIR=str(tmp_path))
+    assert words == ["3.0", "6.0", "4j"]

@@ -14,12 +14,12 @@ from pipeline_tracker.axis_fit import Axis
 from pipeline_tracker.echoes import Echo, EchoBuffer, Echoes, PlacedEcho
 from pipeline_tracker.geometry.pose import Pose
 from pipeline_tracker.geometry.pose_buffer import PoseBuffer
-from pipeline_tracker.mono import MonoFit, echo_hits, edge_spread, fit_mono, mono_refusal
+from pipeline_tracker.mono import MonoFit, echo_hits, edge_spread, fit_mono
 from pipeline_tracker.pipe_segment import axis_of_segment
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.support import contour_pieces
 from pipeline_tracker.tracking.echo_trail import EchoTrail
-from pipeline_tracker.tracking.mono_follower import MonoFollower
+from pipeline_tracker.tracking.mono_follower import MonoFollower, mono_refusal
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import State, VectorizedStereo
 

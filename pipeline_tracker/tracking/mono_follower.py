@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from pipeline_tracker.acceptance import too_uncertain
 from pipeline_tracker.axis_fit import Axis, Prior
 from pipeline_tracker.echoes import Echoes, PlacedEcho
+from pipeline_tracker.evidence import REFERENCE_WIDTH
+from pipeline_tracker.geometry.camera import Camera
 from pipeline_tracker.geometry.pose import Pose
-from pipeline_tracker.mono import LEAST_HITS, MonoFit, fit_mono, mono_refusal
+from pipeline_tracker.mono import LEAST_HITS, MonoFit, fit_mono
 from pipeline_tracker.pipe_segment import published_covariance
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.tracking.echo_trail import EchoTrail
-from pipeline_tracker.types import VectorizedStereo
+from pipeline_tracker.types import Contours, VectorizedStereo
 
 Array = NDArray[np.float64]
 
@@ -27,6 +29,15 @@ _MEASURED = np.array([0.8, 0.7, 1.4, 1.0])
 # Height is what one camera knows least. With a larger standard deviation, m, it may well be off by
 # 5 cm.
 _MOST_HEIGHT = 0.025
+# Share of each contour's visible length that must be borne by segments.
+_LEAST_ALONE, _LEAST_MEAN_SHARE_ALONE = 0.22, 0.3
+# The same where echoes met the pipe.
+_LEAST_HEARD, _LEAST_MEAN_SHARE_HEARD = 0.12, 0.22
+# Edges spread more widely about a contour leave open which of them it is: px at 1200 px width, but
+# no less than so many px of a small image. Where the width alone tells the distance, edges further
+# off are looked at, clutter among them.
+_MOST_SPREAD_HEARD, _MOST_SPREAD_ALONE = 2.1, 3.0
+_LEAST_SPREAD_PX_HEARD, _LEAST_SPREAD_PX_ALONE = 1.0, 0.8
 
 
 class MonoFollower:
@@ -95,3 +106,21 @@ class MonoFollower:
             places = np.stack([found.fit.axis.at(t) for t in _PLACES])
             self._trail.see(pose.apply(self._mounting.apply(places)))
         return found, covariance, reason
+
+
+def mono_refusal(found: MonoFit, camera: Camera) -> str:
+    """Return why one image does not bear a pipe; empty where it does."""
+    shares = {contour.bit: contour.share for contour in found.support.contours}
+    if set(shares) != {Contours.LEFT_IMAGE_LEFT, Contours.LEFT_IMAGE_RIGHT}:
+        return "one_contour_only"
+    heard = found.hits >= LEAST_HITS
+    least = _LEAST_HEARD if heard else _LEAST_ALONE
+    if min(shares.values()) < least:
+        return "one_contour_only" if max(shares.values()) >= _LEAST_ALONE else "too_little_contour"
+    mean = _LEAST_MEAN_SHARE_HEARD if heard else _LEAST_MEAN_SHARE_ALONE
+    if found.support.contour_share < mean:
+        return "too_little_contour"
+    wide = _MOST_SPREAD_HEARD if heard else _MOST_SPREAD_ALONE
+    pixels = _LEAST_SPREAD_PX_HEARD if heard else _LEAST_SPREAD_PX_ALONE
+    most = max(wide, pixels * REFERENCE_WIDTH / camera.width)
+    return "contours_not_clear" if found.spread > most else ""
