@@ -74,15 +74,20 @@ def suppress_non_maxima(
     zero, floor, strong = np.float32(0), np.float32(low), np.float32(high)
     for y in range(2, height - 2):
         above, row, below = magnitude[y - 1], magnitude[y], magnitude[y + 1]
-        # Without a branch or a division, and all neighbours read whether they are needed or not:
-        # so several pixels are done at once.
-        for x in range(2, width - 2):
-            here = row[x]
-            gx = np.float32(dx[y, x])
-            gy = np.float32(dy[y, x])
-            west, east, north, south = row[x - 1], row[x + 1], above[x], below[x]
-            north_west, north_east = above[x - 1], above[x + 1]
-            south_west, south_east = below[x - 1], below[x + 1]
+        # Without a branch or a division, all neighbours read whether they are needed or not, each
+        # from a row of its own, whose places count from 0: so several pixels are done at once.
+        to_west, inside, to_east = slice(1, width - 3), slice(2, width - 2), slice(3, width - 1)
+        nw_row, n_row, ne_row = above[to_west], above[inside], above[to_east]
+        w_row, here_row, e_row = row[to_west], row[inside], row[to_east]
+        sw_row, s_row, se_row = below[to_west], below[inside], below[to_east]
+        gx_row, gy_row, out = dx[y, inside], dy[y, inside], ridge[y, inside]
+        for x in range(width - 4):
+            here = here_row[x]
+            gx = np.float32(gx_row[x])
+            gy = np.float32(gy_row[x])
+            west, east, north, south = w_row[x], e_row[x], n_row[x], s_row[x]
+            north_west, north_east = nw_row[x], ne_row[x]
+            south_west, south_east = sw_row[x], se_row[x]
             ax, ay = abs(gx), abs(gy)
             steep = ay > ax
             falling = gx * gy > zero
@@ -97,13 +102,13 @@ def suppress_non_maxima(
             over_other = more * (here - opposite) - less * (antidiagonal - opposite)
             # ">" on one side and ">=" on the other keep one pixel of a plateau.
             kept = (here >= floor) & (over_one > zero) & (over_other >= zero)
-            ridge[y, x] = np.uint8(kept) + np.uint8(kept & (here >= strong))
+            out[x] = np.uint8(kept) + np.uint8(kept & (here >= strong))
 
 
 @compiled
 def ridge_offset(
     dx: Int16Array, dy: Int16Array, magnitude: Float32Array, place: int, width: int
-) -> float:
+) -> np.float32:
     """Return how far a pixel's centre is from the ridge along the gradient, px, -0.5 to 0.5.
 
     By a parabola through three magnitudes: the pixel's, and those one step ahead and behind.
@@ -113,17 +118,17 @@ def ridge_offset(
         place: flat index of a pixel of the ridge.
         width: of a row.
     """
-    gx = float(dx[place])
-    gy = float(dy[place])
-    along = (1 if gx > 0.0 else -1, width if gy > 0.0 else -width)
-    ax, ay = abs(gx), abs(gy)
-    straight = along[1] if ay > ax else along[0]
-    diagonal = along[0] + along[1]
-    w = min(ax, ay) / max(ax, ay, 1e-6)
-    here = float(magnitude[place])
-    ahead = float(magnitude[place + straight])
-    ahead += w * (float(magnitude[place + diagonal]) - ahead)
-    behind = float(magnitude[place - straight])
-    behind += w * (float(magnitude[place - diagonal]) - behind)
-    curvature = max(here + here - ahead - behind, 1e-6)
-    return float(0.5 * np.sqrt(1.0 + w * w) * (ahead - behind) / curvature)
+    half, one, least = np.float32(0.5), np.float32(1), np.float32(1e-6)
+    gx, gy = dx[np.uint64(place)], dy[np.uint64(place)]
+    ax, ay = np.float32(abs(gx)), np.float32(abs(gy))
+    to_side, down = (1 if gx > 0 else -1), (width if gy > 0 else -width)
+    straight, diagonal = (down if ay > ax else to_side), to_side + down
+    w = min(ax, ay) / max(ax, ay, least)
+    # Known not to be negative: an edge is never in the border.
+    here = magnitude[np.uint64(place)]
+    ahead = magnitude[np.uint64(place + straight)]
+    ahead += w * (magnitude[np.uint64(place + diagonal)] - ahead)
+    behind = magnitude[np.uint64(place - straight)]
+    behind += w * (magnitude[np.uint64(place - diagonal)] - behind)
+    curvature = max(here + here - ahead - behind, least)
+    return np.float32(half * np.sqrt(one + w * w) * (ahead - behind) / curvature)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pipeline_tracker.vectorization.chains import _fit, _split, trace_segments
+from pipeline_tracker.vectorization.chains import _fit, _follow, _heading, _split, trace_segments
 from pipeline_tracker.vectorization.edges import NO_EDGE, STRONG, WEAK
 
 Array = NDArray[np.float64]
@@ -40,15 +40,22 @@ def slow_split(points: Array, first: int, last: int, tolerance: float) -> list[i
     )
 
 
+def split(points: NDArray[np.float32], tolerance: float) -> list[int]:
+    xs, ys = np.ascontiguousarray(points.T)
+    n = len(points)
+    # What was left in the arrays before must not matter.
+    breaks, keep = np.full(n, 7, np.int64), np.ones(n, np.uint8)
+    count = _split(xs, ys, tolerance, breaks, keep, np.full(2 * n, 7, np.int64))
+    return [int(corner) for corner in breaks[:count]]
+
+
 @given(st.integers(0, 10_000), st.floats(0.3, 4.0))
 @settings(max_examples=40)
 def test_a_chain_is_split_as_by_a_slow_reference(seed: int, tolerance: float) -> None:
     points = chain(seed)
-    breaks = np.empty(len(points), np.int64)
-    count = _split(points, tolerance, breaks)
     last = len(points) - 1
     expected = [*slow_split(points.astype(np.float64), 0, last, tolerance), last]
-    assert breaks[:count].tolist() == expected
+    assert split(points, tolerance) == expected
 
 
 def test_a_closed_chain_is_split_too() -> None:
@@ -56,11 +63,10 @@ def test_a_closed_chain_is_split_too() -> None:
     turn = np.linspace(0.0, 2.0 * math.pi, 101)
     points = (50.0 + 20.0 * np.column_stack((np.cos(turn), np.sin(turn)))).astype(np.float32)
     points[-1] = points[0]
-    breaks = np.empty(len(points), np.int64)
-    count = _split(points, 1.0, breaks)
-    assert breaks[0] == 0
-    assert breaks[count - 1] == 100
-    assert 50 in breaks[:count]
+    corners = split(points, 1.0)
+    assert corners[0] == 0
+    assert corners[-1] == 100
+    assert 50 in corners
 
 
 @given(st.integers(0, 10_000), st.integers(0, 20), st.integers(30, 59))
@@ -68,7 +74,8 @@ def test_a_closed_chain_is_split_too() -> None:
 def test_a_line_is_fitted_across_as_by_singular_values(seed: int, first: int, last: int) -> None:
     points = chain(seed)
     out = np.empty(4, np.float32)
-    length = _fit(points, first, last, out)
+    xs, ys = np.ascontiguousarray(points.T)
+    length = _fit(xs, ys, first, last, out)
     part = points[first : last + 1].astype(np.float64)
     centre = part.mean(axis=0)
     _, values, vectors = np.linalg.svd(part - centre)
@@ -80,6 +87,74 @@ def test_a_line_is_fitted_across_as_by_singular_values(seed: int, first: int, la
         assert np.allclose((ends - centre) @ vectors[0], expected, atol=1e-3)
         assert length == pytest.approx(abs(expected[1] - expected[0]), abs=1e-3)
     assert np.dot(ends[1] - ends[0], part[-1] - part[0]) >= 0.0
+
+
+def test_a_heading_is_the_direction_nearest_to_the_edge() -> None:
+    for degrees in range(0, 360, 5):
+        gx, gy = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        # A quarter turn before the gradient, as one looks at the picture (y is down).
+        along = math.degrees(math.atan2(-gx, gy))
+        assert _heading(gx, gy) == round(along / 45.0) % 8
+
+
+def slow_follow(
+    ridge: NDArray[np.uint8],
+    dx: NDArray[np.int16],
+    dy: NDArray[np.int16],
+    place: tuple[int, int],
+    heading: int,
+) -> list[tuple[int, int]]:
+    """Straight on, then 45 and 90 degrees aside, to alike gradients, pixel by pixel."""
+    taken: list[tuple[int, int]] = []
+    while True:
+        y, x = place
+        here = np.array([dx[place], dy[place]], np.float64)
+        for turn in (0, 1, -1, 2, -2):
+            angle = (heading + turn) % 8 * math.pi / 4
+            there = y + round(math.sin(angle)), x + round(math.cos(angle))
+            gradient = np.array([dx[there], dy[there]], np.float64)
+            least = math.sqrt(0.5) * np.linalg.norm(here) * np.linalg.norm(gradient)
+            if ridge[there] and here @ gradient >= least - 1e-6:
+                heading = (heading + turn) % 8
+                break
+        else:
+            return taken
+        place = there
+        ridge[place] = NO_EDGE
+        taken.append(place)
+
+
+@given(st.integers(0, 10_000), st.integers(0, 7), st.sampled_from([1, -1]))
+@settings(max_examples=60)
+def test_an_edge_is_followed_as_by_a_slow_reference(seed: int, heading: int, side: int) -> None:
+    random = np.random.default_rng(seed)
+    shape = 30, 37
+    ridge = (random.random(shape) < 0.6).astype(np.uint8)
+    ridge[:2] = ridge[-2:] = ridge[:, :2] = ridge[:, -2:] = NO_EDGE
+    angle = random.normal(1.0, 0.5, shape)
+    dx = np.rint(100.0 * np.cos(angle)).astype(np.int16)
+    dy = np.rint(90.0 * np.sin(angle)).astype(np.int16)
+    ridge[15, 18] = NO_EDGE
+    expected_ridge = ridge.copy()
+    expected = slow_follow(expected_ridge, dx, dy, (15, 18), heading)
+    steps = np.array([1, 38, 37, 36, -1, -38, -37, -36], np.int64)
+    out = np.zeros(2 * ridge.size + 1, np.int64)
+    place = 15 * 37 + 18
+    count = _follow(ridge.ravel(), dx.ravel(), dy.ravel(), place, steps, heading, out, side)
+    found = out[ridge.size + side : ridge.size + side * (count + 1) : side] if count else out[:0]
+    assert [divmod(int(p), 37) for p in found] == expected
+    assert (ridge == expected_ridge).all()
+
+
+def test_a_chain_ends_where_its_room_does() -> None:
+    ridge = np.zeros((5, 40), np.uint8)
+    ridge[2, 2:38] = STRONG
+    dx, dy = np.zeros(ridge.shape, np.int16), np.full(ridge.shape, 50, np.int16)
+    steps = np.array([1, 41, 40, 39, -1, -41, -40, -39], np.int64)
+    out = np.full(21, -1, np.int64)
+    count = _follow(ridge.ravel(), dx.ravel(), dy.ravel(), 82, steps, 0, out, 1)
+    assert count == 10
+    assert out.tolist() == [-1] * 11 + list(range(83, 93))
 
 
 def edges(height: int = 40, width: int = 60) -> dict[str, NDArray[np.generic]]:

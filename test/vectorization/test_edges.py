@@ -51,7 +51,7 @@ def offset_at(
     dx: NDArray[np.int16], dy: NDArray[np.int16], magnitude: NDArray[np.float32], y: int, x: int
 ) -> float:
     width = dx.shape[1]
-    return ridge_offset(dx.ravel(), dy.ravel(), magnitude.ravel(), y * width + x, width)
+    return float(ridge_offset(dx.ravel(), dy.ravel(), magnitude.ravel(), y * width + x, width))
 
 
 def test_the_magnitude_is_the_root_of_both_squares() -> None:
