@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import functools
 import subprocess
 import sys
@@ -118,37 +119,61 @@ class Pipeline:
 COMPILING = "compiling kernels, once after an install or an update: it takes a minute or two"
 
 
+class Stage(enum.Enum):
+    """One of the four steps, where a process has it alone."""
+
+    VECTORIZATION, RECOGNITION, TRACKING, RELATIVE_STATE = range(4)
+
+
 @functools.cache
-def warm_up() -> None:
+def warm_up(stage: Stage | None = None) -> None:
     """Compile or load every compiled kernel, so that the first frame is no slower than others.
 
     Runs all steps on a small made-up pair: a bright cylinder over a plane of noise, which is found,
     tracked, and found by each technique. A process needs it once.
 
-    Where nothing is kept yet, and there is a second core, another process compiles about half
-    meanwhile; the kernels are kept in files that both read.
+    Where nothing is kept yet, all is compiled, whatever the stage; where there is a second core,
+    another process compiles about half meanwhile. The kernels are kept in files that both read.
+
+    Args:
+        stage: the only one that this process has; None: all.
     """
     made_up = _MadeUp()
-    if not kernels_are_kept() and cores() > 1:
-        code = (
-            f"import sys; sys.path[:] = {sys.path!r}; "
-            "from pipeline_tracker.pipeline import warm_up_beside; warm_up_beside()"
-        )
-        quiet: Any = subprocess.DEVNULL
-        other = subprocess.Popen(  # noqa: S603 - this very program
-            [sys.executable, "-c", code], stdin=quiet, stdout=quiet, stderr=quiet
-        )
-        try:
-            # First what the other process never comes to, then what it has done by then.
-            made_up.fit()
-            made_up.run(made_up.frame(), _CHANGES)
-            other.wait()
-        finally:
-            other.kill()
-            other.wait()
-    # All that has been compiled is loaded; whatever has not is compiled now.
-    made_up.run(None, _CHANGES)
-    warm_up_check()
+    if not kernels_are_kept():
+        stage = None
+        if cores() > 1:
+            _compile_beside(made_up)
+    if stage is None:
+        # All that has been compiled is loaded; whatever has not is compiled now.
+        made_up.run(None, _CHANGES)
+    elif stage is Stage.VECTORIZATION:
+        made_up.vectorize()
+    elif stage is Stage.RECOGNITION:
+        made_up.recognize(_CHANGES)
+    elif stage is Stage.TRACKING:
+        made_up.run(made_up.frame(), _CHANGES[:2])
+    if stage in {None, Stage.TRACKING}:
+        warm_up_check()
+
+
+def _compile_beside(made_up: _MadeUp) -> None:
+    """Compile about half while another process compiles the rest."""
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}; "
+        "from pipeline_tracker.pipeline import warm_up_beside; warm_up_beside()"
+    )
+    quiet: Any = subprocess.DEVNULL
+    other = subprocess.Popen(  # noqa: S603 - this very program
+        [sys.executable, "-c", code], stdin=quiet, stdout=quiet, stderr=quiet
+    )
+    try:
+        # First what the other process never comes to, then what it has done by then.
+        made_up.fit()
+        made_up.run(made_up.frame(), _CHANGES)
+        other.wait()
+    finally:
+        other.kill()
+        other.wait()
 
 
 def warm_up_beside() -> None:
@@ -167,6 +192,9 @@ _CHANGES: list[dict[str, Any]] = [
 ]
 
 
+_LOOKING_DOWN = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
+
+
 class _MadeUp:
     """A bright cylinder on a plane, seen from above by both cameras."""
 
@@ -178,10 +206,9 @@ class _MadeUp:
 
     def run(self, frame: VectorizedStereo | None, changes: list[dict[str, Any]]) -> None:
         """Find and track the pipe with each of some settings, in a frame or, if None, in images."""
-        mounting = Pose.from_rpy([0.0, 0.0, 0.0], [np.pi, 0.0, -np.pi / 2])
         left, right = (self._image(camera) for camera in self._rig.cameras)
         for change in changes:
-            pipeline = Pipeline(replace_settings(self._settings, change), mounting)
+            pipeline = Pipeline(replace_settings(self._settings, change), _LOOKING_DOWN)
             for k in range(2):
                 pipeline.poses.add(k, Pose.identity())
                 if frame is None:
@@ -205,6 +232,12 @@ class _MadeUp:
         vote_for_cylinders(triangulate(frame.matches, self._rig), self._radius, camera.width)
         lines = contour_candidates(frame.left_segments, camera)
         pair_hypotheses(lines, camera, self._radius)
+
+    def recognize(self, changes: list[dict[str, Any]]) -> None:
+        """Look for the pipe with each of some settings, in a frame."""
+        for change in changes:
+            settings = replace_settings(self._settings, change)
+            Recognizer(settings, _LOOKING_DOWN).recognize(self.frame())
 
     def vectorize(self) -> None:
         """Vectorize the images."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -27,7 +27,7 @@ from pipeline_tracker.nodes.parameters import (
 )
 from pipeline_tracker.nodes.talking import TalkingNode
 from pipeline_tracker.nodes.timeline import StampJudge, Timeline
-from pipeline_tracker.pipeline import COMPILING, warm_up
+from pipeline_tracker.pipeline import COMPILING, Stage, warm_up
 from pipeline_tracker.settings import Settings
 
 _NO_MOUNTING = "waiting for the camera's mounting on /tf_static"
@@ -50,6 +50,9 @@ class PipelineNode(TalkingNode):
     Configuring reads and checks the settings and opens the outputs (``open_outputs``); activating
     opens the inputs (``start``); deactivating ends these (``stop``) and forgets the past.
     """
+
+    # What is loaded before its first frame; the other stages have other nodes.
+    STAGE: ClassVar[Stage]
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node, unconfigured; no topic is opened yet.
@@ -89,7 +92,7 @@ class PipelineNode(TalkingNode):
         self.check()
         if not kernels_are_kept():
             self.get_logger().info(COMPILING)
-        warm_up()
+        warm_up(self.STAGE)
         self.open_outputs()
 
     def activate(self) -> None:

@@ -24,6 +24,7 @@ from pipeline_tracker.nodes.lifecycle import Scope
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.worker import END_WITHIN, Worker
+from pipeline_tracker.pipeline import Stage
 from pipeline_tracker.recognition.recognizer import Recognizer
 from pipeline_tracker.types import PipeSegment
 
@@ -38,6 +39,7 @@ class LocalRecognizer(MountedNode):
     """Keeps the last few frames and answers each requested stamp with a segment."""
 
     NAME = "local_recognizer"
+    STAGE = Stage.RECOGNITION
     ITEMS = "requests"
 
     def open_outputs(self) -> None:

@@ -27,6 +27,7 @@ from pipeline_tracker.nodes.base import MountedNode
 from pipeline_tracker.nodes.frame_flow import DEACTIVATED, FrameFlow
 from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
+from pipeline_tracker.pipeline import Stage
 from pipeline_tracker.self_check import SelfCheck
 from pipeline_tracker.tracking.tracker import TrackedFrame, Tracker
 from pipeline_tracker.types import State, VectorizedStereo
@@ -39,6 +40,7 @@ class PipeTracker(MountedNode):
     """Tracks in the executor's thread: 20 ms a frame, and poses meanwhile wait in their queue."""
 
     NAME = "pipe_tracker"
+    STAGE = Stage.TRACKING
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:
         """Make the node; see ``PipelineNode``."""

@@ -27,6 +27,7 @@ from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.state_flow import FrameState, OutputWatch, StateFlow
 from pipeline_tracker.nodes.timeline import StampJudge
+from pipeline_tracker.pipeline import Stage
 from pipeline_tracker.relative_state import RelativeStateEstimator
 from pipeline_tracker.types import RelativeState
 
@@ -46,6 +47,7 @@ class RelativeStatePublisher(MountedNode):
     """Gives one relative state for each status, and a state "not valid" when none comes."""
 
     NAME = "relative_state_publisher"
+    STAGE = Stage.RELATIVE_STATE
     ITEMS = "statuses"
 
     def __init__(self, parameters: Mapping[str, Any] | None = None, **options: Any) -> None:

@@ -17,6 +17,7 @@ from pipeline_tracker.nodes.process import prepare_transport
 from pipeline_tracker.nodes.runtime import run_nodes
 from pipeline_tracker.nodes.timeline import StampJudge, Step
 from pipeline_tracker.nodes.worker import END_WITHIN, Worker
+from pipeline_tracker.pipeline import Stage
 from pipeline_tracker.rectification import StereoImages
 from pipeline_tracker.sync import Matched, StereoSynchroniser
 from pipeline_tracker.validation.fields import check_stamp
@@ -56,6 +57,7 @@ class StereoVectorizer(PipelineNode):
     """Pairs the two cameras' images and vectorizes each pair, without memory."""
 
     NAME = "stereo_vectorizer"
+    STAGE = Stage.VECTORIZATION
     ITEMS = "images"
 
     def open_outputs(self) -> None:

@@ -77,7 +77,7 @@ def test_quiet_nodes_say_nothing_while_all_is_well(bench: Any) -> None:
 def test_a_signal_while_starting_ends_it_as_well(bench: Any) -> None:
     code = (
         "import pipeline_tracker.pipeline as p, time\n"
-        "def warm_up():\n"
+        "def warm_up(stage):\n"
         "    print('warming', flush=True)\n"
         "    time.sleep(600)\n"
         "p.warm_up = warm_up\n"
