@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline_tracker.jit import compiled
+
 Image = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Points = NDArray[np.int64]
@@ -24,10 +26,10 @@ LARGEST_DISPARITY = 0.25
 _BLOCK, _FRACTIONS = 5, 16.0
 # The grid is this much finer where the surface stands out the most, on this share of the picture.
 _FINER, _RAISED_SHARE = 3, 0.3
-# Heights are averaged over so many points of the sparse grid along each side.
-_SMOOTH = 3
-# Fewer points tell no plane.
-_LEAST_POINTS = 20
+# Fewer points tell no plane; nor does a smaller share of a point and its neighbours its height.
+_LEAST_POINTS, _LEAST_KNOWN = 20, 0.3
+# However flat the bed: disparities are good to so much, px.
+_LEAST_SPREAD = 0.05
 
 
 def coarse_side(width: int) -> int:
@@ -77,8 +79,10 @@ def sparse_points(columns: Places, rows: Places) -> Points:
     Args:
         columns, rows: of the grid, px.
     """
-    xs, ys = np.meshgrid(columns[1::_FINER], rows[1::_FINER])
-    return np.stack((xs.ravel(), ys.ravel()), axis=1).astype(np.int64)
+    xs, ys = columns[1::_FINER], rows[1::_FINER]
+    points = np.empty((len(ys), len(xs), 2), np.int64)
+    points[..., 0], points[..., 1] = xs, ys[:, None]
+    return points.reshape(-1, 2)
 
 
 def raised_points(columns: Places, rows: Places, sparse: Array) -> Points:
@@ -95,50 +99,111 @@ def raised_points(columns: Places, rows: Places, sparse: Array) -> Points:
         (M, 2) int64, x y, px; the sparse points are not among them.
     """
     shape = len(rows[1::_FINER]), len(columns[1::_FINER])
-    chosen = np.zeros((len(rows), len(columns)), np.bool_)
-    heights = _heights(sparse.reshape(shape))
-    if heights is not None:
-        known = heights[np.isfinite(heights)]
-        if len(known):
+    heights = np.full(shape, np.nan)
+    _fill_heights(sparse.reshape(shape), heights)
+    known = heights[np.isfinite(heights)]
+    if not len(known):
+        return np.zeros((0, 2), np.int64)
+    least = int(np.ceil((1.0 - _RAISED_SHARE) * (len(known) - 1)))
+    return _points_about(heights, float(np.partition(known, least)[least]), columns, rows)
+
+
+@compiled
+def _points_about(heights: Array, least: float, columns: Places, rows: Places) -> Points:
+    """Return the grid's points about those sparse ones that are so high, row by row."""
+    points = np.empty((len(rows) * len(columns), 2), np.int64)
+    count = 0
+    for j in range(min(len(rows), _FINER * heights.shape[0])):
+        for i in range(min(len(columns), _FINER * heights.shape[1])):
             # NaN is not above.
-            raised = heights >= np.quantile(known, 1.0 - _RAISED_SHARE)
-            whole = np.repeat(np.repeat(raised, _FINER, axis=0), _FINER, axis=1)
-            part = whole[: len(rows), : len(columns)]
-            chosen[: part.shape[0], : part.shape[1]] = part
-    chosen[1::_FINER, 1::_FINER] = False
-    row, column = np.nonzero(chosen)
-    return np.stack((columns[column], rows[row]), axis=1)
+            raised = heights[j // _FINER, i // _FINER] >= least
+            if raised and not (j % _FINER == 1 and i % _FINER == 1):
+                points[count, 0], points[count, 1] = columns[i], rows[j]
+                count += 1
+    return points[:count].copy()
 
 
-def _heights(disparities: Array) -> Float32Array | None:
-    """Return how far each point of a grid stands out of the plane through the bed, averaged.
+@compiled
+def _fit_bed(columns: Array, rows: Array, disparities: Array, plane: Array) -> float:
+    """Fit the plane through the bed: a plane in space is a plane in disparities.
 
-    A plane in space is a plane in disparities. NaN where nothing is known.
+    What stands out of it counts the less the farther it is away.
+
+    Args:
+        columns, rows, disparities: of the points, (N,).
+        plane: (3,), filled: the disparity at column 0 of row 0, its growth by column, and by row.
+
+    Returns:
+        How far points are from it, one sigma, px.
     """
-    ys, xs = np.nonzero(np.isfinite(disparities))
-    if len(xs) < _LEAST_POINTS:
-        return None
-    values = disparities[ys, xs].astype(np.float64)
-    design = np.stack((np.ones(len(xs)), xs, ys), axis=1)
-    weights: Array = np.ones(len(xs))
-    plane: Array = np.zeros(3)
-    spread = 0.05
+    n = len(disparities)
+    off = np.zeros(n)
+    spread = _LEAST_SPREAD
     for _ in range(5):
-        weighted = design * weights[:, None]
-        normal = weighted.T @ design + 1e-9 * len(xs) * np.eye(3)
-        plane = np.asarray(np.linalg.solve(normal, weighted.T @ values), np.float64)
-        off = values - design @ plane
-        spread = max(1.4826 * float(np.median(np.abs(off))), 0.05)
-        weights = 1.0 / (1.0 + np.square(off / spread))
-    rows, columns = (np.arange(n) for n in disparities.shape)
-    level = plane[0] + plane[1] * columns[None, :] + plane[2] * rows[:, None]
-    away = disparities - level.astype(np.float32)
-    known = np.isfinite(away).astype(np.float32)
+        # A little is added on the diagonal: points in one row span no plane.
+        s00 = s11 = s22 = 1e-9 * n
+        s01 = s02 = s12 = r0 = r1 = r2 = 0.0
+        for i in range(n):
+            ratio = off[i] / spread
+            w = 1.0 / (1.0 + ratio * ratio)
+            wx, wy, wd = w * columns[i], w * rows[i], w * disparities[i]
+            s00 += w
+            s01 += wx
+            s02 += wy
+            s11 += wx * columns[i]
+            s12 += wx * rows[i]
+            s22 += wy * rows[i]
+            r0 += wd
+            r1 += wd * columns[i]
+            r2 += wd * rows[i]
+        c00, c01, c02 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
+        c11, c12, c22 = s00 * s22 - s02 * s02, s01 * s02 - s00 * s12, s00 * s11 - s01 * s01
+        determinant = s00 * c00 + s01 * c01 + s02 * c02
+        plane[0] = (c00 * r0 + c01 * r1 + c02 * r2) / determinant
+        plane[1] = (c01 * r0 + c11 * r1 + c12 * r2) / determinant
+        plane[2] = (c02 * r0 + c12 * r1 + c22 * r2) / determinant
+        for i in range(n):
+            off[i] = abs(disparities[i] - plane[0] - plane[1] * columns[i] - plane[2] * rows[i])
+        spread = max(1.4826 * np.median(off), _LEAST_SPREAD)
+    return float(spread)
+
+
+@compiled
+def _fill_heights(disparities: Array, heights: Array) -> None:
+    """Fill how far each point of a grid stands out of the bed, averaged over 3 x 3, px.
+
+    Args:
+        disparities: (h, w), px, NaN unknown.
+        heights: (h, w); left as it is where hardly anything is known.
+    """
+    height, width = disparities.shape
+    columns, rows, known = np.empty((3, disparities.size))
+    n = 0
+    for j in range(height):
+        for i in range(width):
+            if np.isfinite(disparities[j, i]):
+                columns[n], rows[n], known[n] = i, j, disparities[j, i]
+                n += 1
+    if n < _LEAST_POINTS:
+        return
+    plane = np.empty(3)
     # Gross mismatches must not pull their neighbours along.
-    reach = np.float32(8.0 * spread)
-    filled = np.clip(np.nan_to_num(away, nan=0.0), -reach, reach)
-    box = (_SMOOTH, _SMOOTH)
-    share = cv2.blur(known, box)
-    heights = cv2.blur(filled, box) / np.maximum(share, 1e-6)
-    heights[share < 0.3] = np.nan
-    return np.asarray(heights, np.float32)
+    reach = 8.0 * _fit_bed(columns[:n], rows[:n], known[:n], plane)
+    for j in range(height):
+        for i in range(width):
+            heights[j, i] = _height_about(disparities, j, i, plane, reach)
+
+
+@compiled
+def _height_about(disparities: Array, row: int, column: int, plane: Array, reach: float) -> float:
+    """Average how far a point of a grid and its neighbours are from a plane, px; NaN unknown."""
+    height, width = disparities.shape
+    total, count, places = 0.0, 0, 0
+    for j in range(max(row - 1, 0), min(row + 2, height)):
+        for i in range(max(column - 1, 0), min(column + 2, width)):
+            places += 1
+            away = disparities[j, i] - plane[0] - plane[1] * i - plane[2] * j
+            if np.isfinite(away):
+                total += min(max(away, -reach), reach)
+                count += 1
+    return total / count if count > 0 and count >= _LEAST_KNOWN * places else np.nan

@@ -44,6 +44,8 @@ _MIN_SEGMENT = 40.0
 # A smaller share of matches comes by chance: the rows of the pair do not agree, or one image shows
 # nothing. In clear water 0.9 are found, in water full of snow 0.25, of chance 0.1.
 _LEAST_MATCHED = 0.15
+# More rows than any image has.
+_TALLEST = 1 << 32
 _PATCH = make_patch()
 # So far from its middle a patch looks at either image, px.
 _PATCH_REACH = 2 * (HALF + 1)
@@ -192,7 +194,9 @@ def segment_points(segments: Float32Array, spacing: int) -> NDArray[np.int64]:
     number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (number + 0.5) / counts[owner]
     places = np.rint(ends[owner, :2] + share[:, None] * way[owner]).astype(np.int64)
-    return np.unique(places, axis=0).reshape(-1, 2)
+    # As one number each, which is far quicker to sort than two.
+    xs, ys = np.divmod(np.unique(places[:, 0] * _TALLEST + places[:, 1]), _TALLEST)
+    return np.stack((xs, ys), axis=1)
 
 
 def match_pair(

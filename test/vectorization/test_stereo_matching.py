@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pictures import stereo_pair
 
 from pipeline_tracker.vectorization.coarse_disparity import (
+    _fill_heights,
     coarse_disparities,
     coarse_side,
     grid_sides,
@@ -290,6 +291,41 @@ def test_points_are_dense_where_the_surface_stands_out() -> None:
     chosen = [tuple(p) for p in np.concatenate((points, sparse)).tolist()]
     assert len(set(chosen)) == len(chosen)
     assert set(chosen) <= nodes
+
+
+def slow_heights(disparities: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Robust plane by least squares again and again, then the mean of what is known about each."""
+    ys, xs = np.nonzero(np.isfinite(disparities))
+    values = disparities[ys, xs]
+    design = np.column_stack((np.ones(len(xs)), xs, ys))
+    off, spread = np.zeros(len(xs)), 1.0
+    plane = np.zeros(3)
+    for _ in range(5):
+        root = 1.0 / np.sqrt(1.0 + np.square(off / spread))
+        plane = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
+        off = np.abs(values - design @ plane)
+        spread = max(1.4826 * float(np.median(off)), 0.05)
+    away = np.full(disparities.shape, np.nan)
+    away[ys, xs] = np.clip(values - design @ plane, -8.0 * spread, 8.0 * spread)
+    heights = np.full(disparities.shape, np.nan)
+    for place in np.ndindex(disparities.shape):
+        near = away[tuple(slice(max(k - 1, 0), k + 2) for k in place)]
+        if np.mean(np.isfinite(near)) >= 0.3:
+            heights[place] = np.nanmean(near)
+    return heights
+
+
+@pytest.mark.parametrize("unknown", [0.0, 0.3, 0.7])
+def test_heights_over_the_bed_are_those_of_a_slow_reference(unknown: float) -> None:
+    random = np.random.default_rng(5)
+    ys, xs = np.mgrid[0:17, 0:23]
+    disparities = 30.0 + 0.4 * ys - 0.2 * xs + random.normal(0.0, 0.2, ys.shape)
+    disparities[:, 9:12] += 4.0
+    disparities[random.random(ys.shape) < 0.05] += 40.0
+    disparities[random.random(ys.shape) < unknown] = np.nan
+    found = np.full(disparities.shape, np.nan)
+    _fill_heights(disparities, found)
+    assert np.allclose(found, slow_heights(disparities), atol=1e-6, equal_nan=True)
 
 
 def test_without_disparities_the_sparse_grid_is_left() -> None:
