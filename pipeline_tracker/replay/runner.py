@@ -9,10 +9,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Protocol, TextIO
 
@@ -28,7 +27,6 @@ from pipeline_tracker.geometry.pose_buffer import PoseBuffer
 from pipeline_tracker.geometry.unseen import SEEN_WHOLE, UnseenPair
 from pipeline_tracker.jit import kernels_are_kept
 from pipeline_tracker.pipeline import COMPILING, FrameResult, Pipeline, warm_up
-from pipeline_tracker.replay.ahead import read_ahead
 from pipeline_tracker.replay.estimates import EstimatesFile, estimate_row, lost_row
 from pipeline_tracker.replay.input import BACKWARD, Frame, ReplayInput
 from pipeline_tracker.replay.progress import ReplayProgress
@@ -44,7 +42,6 @@ from pipeline_tracker.report.write import write_report
 from pipeline_tracker.settings import Settings
 from pipeline_tracker.settings_io import dump_settings
 from pipeline_tracker.types import Image, PipeSegment, VectorizedStereo
-from pipeline_tracker.vectorization.vectorizer import cores
 
 OUR_FILES = (
     # First: without it nothing is taken for a replay that could be resumed.
@@ -228,7 +225,7 @@ class _Run:
 
     def go(self, stream: TextIO) -> None:
         """Process all frames and close all files, whatever happens."""
-        source = self._source
+        source, poses = self._source, self._pipeline.poses
         start = time.monotonic()
         with _writing(self._output):
             rows = None if self._past is None else self._past.begin()
@@ -244,10 +241,12 @@ class _Run:
             ) as result,
             ReplayProgress(source.frame_count, stream) as progress,
             _interrupt_between_frames() as interrupted,
-            closing(self._frames()) as frames,
         ):
             try:
-                for frame in frames:
+                frames = source.frames(
+                    poses, lambda: self._pipeline.reset(BACKWARD), self._pipeline.echoes
+                )
+                for frame in _then(frames, lambda: source.rest(poses)):
                     self._take(frame, table, result)
                     self._save(table, result)
                     progress.advance()
@@ -264,24 +263,6 @@ class _Run:
                 self.summary.seconds = time.monotonic() - start
                 self._strip.finish()
                 self._pictures = self._overlay.write(self._output)
-
-    def _frames(self) -> Generator[Frame, None, None]:
-        """Yield the frames; where there is a second core they are read on it."""
-        pipeline = self._pipeline
-        forget = partial(pipeline.reset, BACKWARD)
-        if cores() > 1:
-            return read_ahead(self._all_frames, pipeline.poses, forget, pipeline.echoes)
-        return self._all_frames(pipeline.poses, forget, pipeline.echoes)
-
-    def _all_frames(
-        self, poses: PoseBuffer, forget: Callable[[], None], echoes: EchoBuffer
-    ) -> Generator[Frame, None, None]:
-        """Yield frames, and where the bag breaks off, those that still waited, before the error."""
-        try:
-            yield from self._source.frames(poses, forget, echoes)
-        except BagError:
-            yield from self._source.rest(poses)
-            raise
 
     def _save(self, table: EstimatesFile, result: ResultBag) -> None:
         """Let a kill cost little: put all on the disk, now and then."""
@@ -394,6 +375,15 @@ def _nothing_left(output: Path) -> ReplayOutcome:
         f"{output}: the replay in it has ended, there is nothing to resume; pipe found in "
         f"{summary.valid} of {summary.frames} frames",
     )
+
+
+def _then(frames: Iterator[Frame], rest: Callable[[], Iterator[Frame]]) -> Iterator[Frame]:
+    """Yield frames, and where the bag breaks off, those that still waited, before the error."""
+    try:
+        yield from frames
+    except BagError:
+        yield from rest()
+        raise
 
 
 @contextmanager
