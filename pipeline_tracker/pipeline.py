@@ -152,6 +152,7 @@ def warm_up(stage: Stage | None = None) -> None:
         made_up.recognize(_CHANGES)
     elif stage is Stage.TRACKING:
         made_up.run(made_up.frame(), _CHANGES[:2])
+    # The relative state has no kernels.
     if stage in {None, Stage.TRACKING}:
         warm_up_check()
 
@@ -235,9 +236,10 @@ class _MadeUp:
 
     def recognize(self, changes: list[dict[str, Any]]) -> None:
         """Look for the pipe with each of some settings, in a frame."""
+        frame = self.frame()
         for change in changes:
             settings = replace_settings(self._settings, change)
-            Recognizer(settings, _LOOKING_DOWN).recognize(self.frame())
+            Recognizer(settings, _LOOKING_DOWN).recognize(frame)
 
     def vectorize(self) -> None:
         """Vectorize the images."""

@@ -22,7 +22,7 @@ _TURNS = np.array([0, 1, -1, 2, -2], np.int64)
 # The first turn that is open, by a bit for each.
 _FIRST_TURN = np.array([0] + [(n & -n).bit_length() - 1 for n in range(1, 32)], np.int64)
 # Tangent of 22.5 degrees.
-_HALF_TURN = np.float32(np.sqrt(2.0) - 1.0)
+_TANGENT = np.float32(np.sqrt(2.0) - 1.0)
 
 
 @compiled
@@ -32,8 +32,8 @@ def _heading(gx: float, gy: float) -> int:
     As one looks at the picture: image y is down.
     """
     ax, ay = abs(gx), abs(gy)
-    x = 0 if ay <= _HALF_TURN * ax else (1 if gy > 0.0 else -1)
-    y = 0 if ax <= _HALF_TURN * ay else (-1 if gx > 0.0 else 1)
+    x = 0 if ay <= _TANGENT * ax else (1 if gy > 0.0 else -1)
+    y = 0 if ax <= _TANGENT * ay else (-1 if gx > 0.0 else 1)
     return int(_DIRECTIONS[3 * y + x + 4])
 
 

@@ -99,8 +99,7 @@ def raised_points(columns: Places, rows: Places, sparse: Array) -> Points:
         (M, 2) int64, x y, px; the sparse points are not among them.
     """
     shape = len(rows[1::_FINER]), len(columns[1::_FINER])
-    heights = np.full(shape, np.nan)
-    _fill_heights(sparse.reshape(shape), heights)
+    heights = _heights(sparse.reshape(shape))
     known = heights[np.isfinite(heights)]
     if not len(known):
         return np.zeros((0, 2), np.int64)
@@ -139,29 +138,22 @@ def _fit_bed(columns: Array, rows: Array, disparities: Array, plane: Array) -> f
     n = len(disparities)
     off = np.zeros(n)
     spread = _LEAST_SPREAD
+    normal, right = np.empty((3, 3)), np.empty(3)
     for _ in range(5):
-        # A little is added on the diagonal: points in one row span no plane.
-        s00 = s11 = s22 = 1e-9 * n
-        s01 = s02 = s12 = r0 = r1 = r2 = 0.0
+        normal[:, :] = 0.0
+        right[:] = 0.0
         for i in range(n):
             ratio = off[i] / spread
-            w = 1.0 / (1.0 + ratio * ratio)
-            wx, wy, wd = w * columns[i], w * rows[i], w * disparities[i]
-            s00 += w
-            s01 += wx
-            s02 += wy
-            s11 += wx * columns[i]
-            s12 += wx * rows[i]
-            s22 += wy * rows[i]
-            r0 += wd
-            r1 += wd * columns[i]
-            r2 += wd * rows[i]
-        c00, c01, c02 = s11 * s22 - s12 * s12, s02 * s12 - s01 * s22, s01 * s12 - s02 * s11
-        c11, c12, c22 = s00 * s22 - s02 * s02, s01 * s02 - s00 * s12, s00 * s11 - s01 * s01
-        determinant = s00 * c00 + s01 * c01 + s02 * c02
-        plane[0] = (c00 * r0 + c01 * r1 + c02 * r2) / determinant
-        plane[1] = (c01 * r0 + c11 * r1 + c12 * r2) / determinant
-        plane[2] = (c02 * r0 + c12 * r1 + c22 * r2) / determinant
+            weight = 1.0 / (1.0 + ratio * ratio)
+            terms = (1.0, columns[i], rows[i])
+            for a in range(3):
+                right[a] += weight * terms[a] * disparities[i]
+                for b in range(3):
+                    normal[a, b] += weight * terms[a] * terms[b]
+        # A little is added on the diagonal: points in one row span no plane.
+        for a in range(3):
+            normal[a, a] += 1e-9 * n
+        plane[:] = np.linalg.solve(normal, right)
         for i in range(n):
             off[i] = abs(disparities[i] - plane[0] - plane[1] * columns[i] - plane[2] * rows[i])
         spread = max(1.4826 * np.median(off), _LEAST_SPREAD)
@@ -169,14 +161,17 @@ def _fit_bed(columns: Array, rows: Array, disparities: Array, plane: Array) -> f
 
 
 @compiled
-def _fill_heights(disparities: Array, heights: Array) -> None:
-    """Fill how far each point of a grid stands out of the bed, averaged over 3 x 3, px.
+def _heights(disparities: Array) -> Array:
+    """Return how far each point of a grid stands out of the bed, averaged over 3 x 3, px.
 
     Args:
         disparities: (h, w), px, NaN unknown.
-        heights: (h, w); left as it is where hardly anything is known.
+
+    Returns:
+        (h, w), NaN unknown.
     """
     height, width = disparities.shape
+    heights = np.full((height, width), np.nan)
     columns, rows, known = np.empty((3, disparities.size))
     n = 0
     for j in range(height):
@@ -185,13 +180,14 @@ def _fill_heights(disparities: Array, heights: Array) -> None:
                 columns[n], rows[n], known[n] = i, j, disparities[j, i]
                 n += 1
     if n < _LEAST_POINTS:
-        return
+        return heights
     plane = np.empty(3)
     # Gross mismatches must not pull their neighbours along.
     reach = 8.0 * _fit_bed(columns[:n], rows[:n], known[:n], plane)
     for j in range(height):
         for i in range(width):
             heights[j, i] = _height_about(disparities, j, i, plane, reach)
+    return heights
 
 
 @compiled

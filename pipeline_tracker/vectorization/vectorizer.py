@@ -66,8 +66,7 @@ class Vectorizer:
         """
         start = time.perf_counter()
         factor = working_factor(left.shape[1])
-        images = [left] if right is None else [left, right]
-        levels = [pyramid(_working(image, factor)) for image in images]
+        levels = [pyramid(_working(image, factor)) for image in (left, right) if image is not None]
         if right is None:
             left_segments = self._left.segments(levels[0], factor, unseen.left)
             right_segments = matches = np.zeros((0, 4), np.float32)
@@ -80,17 +79,14 @@ class Vectorizer:
             left_segments = self._left.segments(levels[0], factor, unseen.left)
             matches = self._matches(levels, left_segments, unseen, factor)
             right_segments = beside.result()
-        # An image that was not shrunk first has an eighth of it in its pyramid.
-        small = [level[-1] for level in levels] if factor == 1 else map(thumbnail, images)
-        left_thumbnail, right_thumbnail = (*small, np.zeros((0, 0), np.uint8))[:2]
         return VectorizedStereo(
             stamp_ns=stamp_ns,
             rig=rig,
             left_segments=left_segments,
             right_segments=right_segments,
             matches=matches,
-            left_thumbnail=left_thumbnail,
-            right_thumbnail=right_thumbnail,
+            left_thumbnail=thumbnail(left),
+            right_thumbnail=np.zeros((0, 0), np.uint8) if right is None else thumbnail(right),
             processing_time=time.perf_counter() - start,
         )
 

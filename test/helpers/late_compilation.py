@@ -70,7 +70,8 @@ def run_all(file: Path) -> None:
 
 def run_stage(stage: Stage, file: Path) -> None:
     results: list[FrameResult] = pickle.loads(file.read_bytes())  # noqa: S301 - of run_all
-    images, pipeline = pictures(), None
+    images = pictures() if stage is Stage.VECTORIZATION else []
+    pipeline = None
     for (way, k), result in zip(frames(), results, strict=True):
         settings = replace_settings(settings_of(), way)
         if stage is Stage.VECTORIZATION:
